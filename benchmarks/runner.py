@@ -79,6 +79,7 @@ STUDIES = ("linear", "nonlinear", "rom")
 OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
+    "across": ("across",),
     "damage": ("damage",),
     "forms": ("walls", "mixed", "solvers"),
     "large_leg": ("large_leg",),
@@ -93,6 +94,7 @@ TABLES = {
 }
 #: Modules of tables with a page of results of their own, with its title; the rest is of images
 PAGES = {
+    "across": "Errors by the number of points",
     "forms": "Settings of the forms",
     "images": "Images: both halves of the cases",
     "large_leg": "A leg of many points",

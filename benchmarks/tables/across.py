@@ -1,0 +1,120 @@
+"""Errors by the number of points across: rubber bodies with clamped rims, n points each way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from benchmarks.runner import sized_tables
+from benchmarks.truths.conditions import AXES
+from benchmarks.truths.deck_parts import deck, force, held, probe
+from myork.bench.materials import RUBBER
+from myork.core.scene import Scene
+from myork.types import F64
+
+#: Points along each edge, and bulk over shear moduli
+POINTS, RATIOS = range(4, 13), (50.0, 1e4)
+#: Shear modulus of the rubber at rest, per N/cm2
+SHEAR = 74.6
+
+
+class Part(NamedTuple):
+    """A body, and the part of it between its planes of symmetry, which gives the truth."""
+
+    size: tuple[float, float, float]  #: Edges of the body
+    folds: str  #: Axes across planes of symmetry through its middle
+    boundary: Sequence[dict[str, Any]]  #: Of the whole body
+    part: Sequence[dict[str, Any]]  #: Of the part, planes of symmetry apart
+    pull: tuple[str, str]  #: Component of the force and the set where it acts
+    along: str  #: Displacement that is compared
+    finer: Sequence[tuple[int, int, int]]  #: Points of the part, coarser and finer
+    middle: tuple[float, float, float]  #: Place in the part, in shares of its edges
+    side: Sequence[tuple[float, float, float]]  #: Places over the side in the same way
+
+
+def _over(*shares: Sequence[float]) -> list[tuple[float, float, float]]:
+    places = np.stack(np.meshgrid(*shares, indexing="ij"), -1).reshape(-1, 3)
+    return [(float(x), float(y), float(z)) for x, y, z in places]
+
+
+_QUARTERS = (0.0, 0.25, 0.5, 0.75)
+_OVER = _over((1.0,), (*_QUARTERS, 1.0), _QUARTERS)
+
+BODIES = {
+    "cube, 30 % shorter": Part(
+        (1, 1, 1), "xyz", (held("z0"), held("z1", u_z=-0.3)), (held("z1", u_z=-0.15),),
+        ("z", "z1"), "u_x", ((5, 5, 5), (9, 9, 9)), (1, 0, 0), _OVER,
+    ),
+    "block 1 x 1 x 2, 30 % longer": Part(
+        (1, 1, 2), "xyz", (held("z0"), held("z1", u_z=0.6)), (held("z1", u_z=0.3),),
+        ("z", "z1"), "u_x", ((5, 5, 9), (9, 9, 17)), (1, 0, 0), _OVER,
+    ),
+    "plate 1 x 1 x 0.1, end moved by 0.1": Part(
+        (1, 1, 0.1), "y", (held("x0"), {"set": "x1", "u_z": 0.1}),
+        (held("x0"), {"set": "x1", "u_z": 0.1}),
+        ("z", "x1"), "u_z", ((9, 5, 3), (17, 9, 5)), (0.5, 1, 0.5),
+        _over((0.25, 0.5, 0.75, 1.0), _QUARTERS, (0.5,)),
+    ),
+    "column 1 x 1 x 3, end moved by 0.6": Part(
+        (1, 1, 3), "y", (held("z0"), held("z1", u_x=0.6)), (held("z0"), held("z1", u_x=0.6)),
+        ("x", "z1"), "u_x", ((5, 3, 13), (9, 5, 25)), (1, 0, 0.5),
+        _over((1.0,), (0.0, 0.5, 1.0), (0.25, 0.5, 0.75)),
+    ),
+}  # fmt: skip
+
+
+def across() -> Iterator[tuple[str, ...]]:
+    """Errors of n x n x n points that the deck gives, in the default form.
+
+    Rubber of section 5.3.10 with K of 50 and 10,000 shear moduli. Force on the moved end, and
+    displacement in the middle of a free side, normal to it (of the plate its deflection): signed
+    errors [%]. Root mean square of the error of that displacement over the side, of the root mean
+    square there [%]. Truth: the part between planes of symmetry with half the spacings of the
+    coarser lattice, from which its change is shown in the same way; it may be off by as much.
+    """
+    yield "body", "K/mu", "error of", "change of truth", *(f"n = {n}" for n in POINTS)
+    for name, body in BODIES.items():
+        for ratio in RATIOS:
+            coarse, truth = (_solve(body, ratio, size, whole=False) for size in body.finer)
+            errors = [_compare(_solve(body, ratio, (n, n, n)), truth) for n in POINTS]
+            change = _compare(coarse, truth)
+            for k, what in enumerate(("force", "middle", "side, r.m.s.")):
+                yield name, f"{ratio:g}", what, *(f"{one[k]:.2g}" for one in (change, *errors))
+
+
+def _compare(values: F64, truth: F64) -> tuple[float, float, float]:
+    """Errors of force and middle, and over the side [%]."""
+    off = values - truth
+    side = np.sqrt(np.mean(off[2:] ** 2) / np.mean(truth[2:] ** 2))
+    return 100 * off[0] / truth[0], 100 * off[1] / truth[1], 100 * float(side)
+
+
+def _tables(body: Part, ratio: float, size: Sequence[int], whole: bool) -> dict[str, Any]:
+    """Deck of a body, or of its part."""
+    folded = [axis in body.folds for axis in AXES]
+    part = [length / (1 + fold) for length, fold in zip(body.size, folded, strict=True)]
+    probes = [force("force", *body.pull)]
+    for k, shares in enumerate((body.middle, *body.side)):
+        place = [
+            length * (share + (fold if whole else 0))
+            for length, share, fold in zip(part, shares, folded, strict=True)
+        ]
+        probes.append(probe(f"{k}", body.along, place))
+    geometry = {"kind": "box", "size": list(body.size if whole else part)}
+    planes = [{"set": f"{axis}0", f"u_{axis}": 0.0} for axis in body.folds]
+    boundary = body.boundary if whole else [*planes, *body.part]
+    material = {**RUBBER, "K": ratio * SHEAR}
+    return sized_tables(deck("across", geometry, (material,), boundary, probes), size)
+
+
+def _solve(body: Part, ratio: float, size: Sequence[int], whole: bool = True) -> F64:
+    """Force of the whole body, and displacements."""
+    with Scene.from_tables(_tables(body, ratio, size, whole), threads=1) as scene:
+        states = scene.solve(error=False)
+        values = np.asarray(scene.probes(states.x, states.load)[-1][:, 0])
+    if not whole:
+        # planes of symmetry along the force cut the end that is moved
+        values[0] *= 2 ** sum(axis != body.pull[1][0] for axis in body.folds)
+    return values
