@@ -14,6 +14,7 @@ import sys
 from collections.abc import Iterator
 from itertools import zip_longest
 from pathlib import Path
+from runpy import run_path
 
 import nbformat
 import pytest
@@ -207,3 +208,31 @@ def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     shown = [out["data"] for out in outputs if "data" in out]
     assert any("image/png" in data for data in shown)
     assert not [out for out in outputs if out.get("name") == "stderr"]
+
+
+# ---- the list of messages ------------------------------------------------------------------------
+
+#: Those of all three languages, as users see them
+MESSAGES = run_path(str(ROOT / "docs" / "messages.py"))["messages"]()
+
+
+@pytest.mark.parametrize(("file", "message"), [
+    ("fortran/scene/rk_cloud.f90", "normal of boundary entry {i} at {points} is not a unit vector"),
+    ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{reference}"),
+    ("fortran/deck/deck_check.cpp", "missing, the table {title} is needed"),
+    ("pydriver/myork/imaging/plain.py", "{path}: there is no such file"),
+])  # fmt: skip
+def test_lists_messages_of_all_languages(file: str, message: str) -> None:
+    assert message in MESSAGES[file]
+
+
+def test_words_of_the_field_stand_in_messages() -> None:
+    """None of the words that the project avoids; see CONTRIBUTING."""
+    avoided = ("foretold", "led astray", "that is none", "as they are")
+    found = [
+        f"{file}: {text}"
+        for file, texts in MESSAGES.items()
+        for text in texts
+        if any(word in text for word in avoided)
+    ]
+    assert not found, "\n".join(found)

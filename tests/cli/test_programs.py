@@ -14,7 +14,7 @@ from myork.core.deck import text_of_tables
 from myork.results import Results
 from myork.stations.solve import find_executable
 from myork.summary import read_summary
-from tests.scenes import box, deck_file, execute, held, probes, scene
+from tests.scenes import box, execute, held, probes, scene
 
 #: Longest wait for a solution of a second or two; a failure, not a measurement [s]
 PATIENCE = 300
@@ -28,16 +28,6 @@ DECK = scene(
     boundary=[held("z0"), {"set": "z1", "u_z": 0.2}], load={"steps": 2},
     probe=probes("pull force_z z1"),
 )  # fmt: skip
-
-#: Tables that are changed in the deck, the line that is named, what the message must name; of what
-#: the reader finds by itself, one (test_deck)
-BAD_DECKS: dict[str, tuple[dict[str, Any], str, str]] = {
-    "wrong type": ({"load": {"steps": "two"}}, "steps", "steps"),
-    "missing file": ({"geometry": {"kind": "model", "file": "nowhere.h5"}}, "file", "nowhere.h5"),
-    "too few neighbours": (
-        {"approximation": {"order": 2, "support": 1.05}}, "[geometry]", "point 1 at (0, 0, 0)"
-    ),
-}  # fmt: skip
 
 
 def command(program: str) -> list[str]:
@@ -75,18 +65,6 @@ def test_numbers_not_finite_are_no_answer(program: str, inputs: Path, tmp_path: 
     summary = read_summary(tmp_path)
     assert summary["converged"] is False
     assert any("NaN or infinite" in line for line in summary["warnings"])
-
-
-@pytest.mark.parametrize("case", BAD_DECKS)
-@pytest.mark.parametrize("program", OUT)
-def test_bad_decks_are_refused(program: str, case: str, tmp_path: Path) -> None:
-    changed, line, part = BAD_DECKS[case]
-    deck = deck_file(tmp_path / "bad.toml", {**DECK, **changed})
-    lines = [own.split(" =")[0] for own in deck.read_text(encoding="utf-8").split("\n")]
-    done = run(program, deck, OUT[program], tmp_path / "out")
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert f"bad.toml:{lines.index(line) + 1}: " in done.stderr
-    assert part in done.stderr and "Traceback" not in done.stderr
 
 
 #: What stations before a solve say, with all that JSON allows

@@ -254,10 +254,6 @@ def test_any_damage(sound: Path, kind: str, count: int) -> None:
     assert any(refused) and (count < 400 or kind != "voxels" or not all(refused))
 
 
-def put(old: str, new: str) -> list[Edit]:
-    return [("put", 0, (old.encode(), new.encode()))]
-
-
 def text(new: str) -> list[Edit]:
     return [("all", 0, new.encode())]
 

@@ -208,27 +208,6 @@ def test_diffusion_images_give_fibers_and_a_wrong_table_is_reported(own):
 
 
 @pytest.mark.slow
-def test_leg_section_has_three_materials_and_a_bone(tmp_path, inputs):
-    overrides = ["phantom.size=[90, 90, 5]", "phantom.spacing=[1.25, 1.25, 12]"]
-    deck = inputs / "leg_section.toml"
-    found = segment(deck, tmp_path, overrides=overrides)["tissue"]
-    assert all(found["scores"][name]["dice"] > 0.95 for name in ("muscle", "bone"))
-    build(deck, tmp_path, overrides=overrides)
-    model = read_model(tmp_path / "model.h5")
-    assert model.label_names == {1: "muscle", 2: "fat", 3: "connective_tissue"}
-    assert model.set_names == ("bottom", "top", "bone", "surface")
-    assert model.fiber[model.label == 1].any(axis=1).all()
-    assert not model.fiber[model.label != 1].any()
-    # The bones of the phantom have radii of 11 and 5.5 mm.
-    bone = model.points[model.boundary_point[model.boundary_set == 2]] * 10
-    away = np.minimum(
-        np.abs(np.hypot(bone[:, 0] - 15.0, bone[:, 1] - 21.0) - 11.0),
-        np.abs(np.hypot(bone[:, 0] + 21.0, bone[:, 1] - 13.0) - 5.5),
-    )
-    assert away.max() < 5.0 and np.median(away) < 2.5  # blocks of 5 mm
-
-
-@pytest.mark.slow
 def test_a_region_and_a_body_of_the_user_are_kept_whole(own):
     run, folder = own
     labels, image = read_labels(folder / "truth.nii.gz"), read_image(folder / "t1.nii.gz").data

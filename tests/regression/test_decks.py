@@ -1,8 +1,7 @@
 """Decks of inputs/ against stored answers.
 
-A reference holds value, tolerance and origin of each number. Values of other programs and closed
-forms stay as they are; `--update-reference` rewrites those whose origin is this program, and the
-test that did so fails, so that nobody updates without seeing it.
+A reference holds value, tolerance and origin of each number. Those whose origin is this program are
+changed by hand where a change of the method moves them; the failure has the values found.
 """
 
 import json
@@ -13,7 +12,6 @@ import pytest
 from myork.core.scene import Scene
 
 REFERENCES = Path(__file__).parent / "references"
-OWN = "this program"
 DECKS = sorted(path.stem for path in REFERENCES.glob("*.json"))
 
 
@@ -31,25 +29,14 @@ def answers(path, overrides):
     return {name: float(value) for name, value in found.items()}
 
 
-def test_there_are_references():
-    assert len(DECKS) >= 5
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("deck", DECKS)
-def test_deck(deck, inputs, pytestconfig):
-    file = REFERENCES / f"{deck}.json"
-    reference = json.loads(file.read_text(encoding="utf-8"))
+def test_deck(deck, inputs):
+    reference = json.loads((REFERENCES / f"{deck}.json").read_text(encoding="utf-8"))
     found = answers(inputs / f"{deck}.toml", reference["overrides"])
     wrong = {
         name: (found[name], entry)
         for name, entry in reference["values"].items()
         if not abs(found[name] - entry["value"]) <= entry["tolerance"]
     }
-    own = [name for name in wrong if reference["values"][name]["origin"].startswith(OWN)]
-    if own and pytestconfig.getoption("--update-reference"):
-        for name in own:
-            reference["values"][name]["value"] = found[name]
-        file.write_text(json.dumps(reference, indent=2) + "\n", encoding="utf-8")
-        pytest.fail(f"{file.name}: {own} rewritten; look at the difference, then run again")
     assert not wrong

@@ -8,11 +8,8 @@ import numpy as np
 import pytest
 
 from myork import Scene, build, load_deck, run_deck
-from myork.core.deck import table_defaults
-from myork.imaging.geometry import canonical
-from myork.model.cloud import build_cloud
 from myork.model_file import read_model, write_model
-from myork.records import Image, Labels, PointCloud
+from myork.records import PointCloud
 from tests import scenes
 from tests.scenes import box, gripped, held, refused, refuses, scene, voxels
 
@@ -258,15 +255,6 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     # an expression of the deck stands in the place of the points' own
     field = model_tables(activation="0.3")
     assert np.array_equal(scenes.solved(field, cloud=again).states.x, number)
-
-
-def test_images_on_turned_grids_are_turned() -> None:
-    turned = canonical(Labels(np.ones((8, 8, 12), np.int32), np.diag([1.25, 1.25, 1.25, 1.0])))
-    half = np.repeat([0.0, 1.0], 4)[:, None, None] * np.ones((8, 8, 12))
-    image = Image(half, turned.affine)
-    cloud = build_cloud(turned, None, table_defaults("build"), "cm", "", image)[0]
-    assert cloud.activation is not None
-    assert cloud.activation[cloud.points[:, 0] > cloud.points[:, 0].mean()].mean() > 0.8
 
 
 @pytest.mark.parametrize(("tables", "what"), [

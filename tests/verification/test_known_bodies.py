@@ -141,25 +141,15 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
         assert bar < 0.05 * abs(truth), f"{name}: bar of {bar / abs(truth):.1%}"
 
 
-@pytest.mark.parametrize(("tube", "source", "bound"), [
-    (TUBE, [5, 26], 3e-5), (STIFF, [5, 26], 3e-5), ((1.0, 3.0, 0.7, 1e3), [9, 17], 3e-5),
-    ((10.0, 11.0, 2.0, 1e4), [5, 51], 5e-6),
+@pytest.mark.parametrize(("tube", "bound"), [
+    (TUBE, 3e-5), (STIFF, 3e-5), ((6.0, 8.0, 6.0, 20.0), 3e-5), ((1.0, 3.0, 0.7, 1e3), 3e-4),
+    ((10.0, 11.0, 2.0, 1e4), 5e-6),
 ])  # fmt: skip
-def test_force_of_few_points(tube, source, bound):
-    """The cut carries the pressure on the bore. From a motion of the cut alone, which jumps
-    where it meets the bore, the errors are 3 to 7 times larger.
+def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube, bound) -> None:
+    """The cut carries the pressure on the bore. Where they meet tractions are of order two over a
+    length of one spacing; from a motion of the cut alone, which jumps there, errors of few points
+    are 3 to 7 times larger.
     """
-    tables = sized_tables(tube_deck(*tube), source)
-    tables["probe"] = [force("force", "x", "x0")]
-    exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
-    assert solved(tables).last()["force"] == pytest.approx(exact, rel=bound)
-
-
-@pytest.mark.parametrize(
-    "tube", [TUBE, (6.0, 8.0, 6.0, 20.0), (1.0, 3.0, 0.7, 1e3), (10.0, 11.0, 3.0, 1e3)]
-)
-def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube) -> None:
-    """Where the cut meets the bore tractions are of order two over a length of one spacing."""
     exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
     errors = []
     for source in ([5, 26], [9, 51]):
@@ -168,7 +158,7 @@ def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube) -> N
         found = solved(tables).last()
         assert found["bore"] == pytest.approx(-found["cut"], rel=1e-6)
         errors.append(abs(found["cut"] / exact - 1.0))
-    assert 6.5 < errors[0] / errors[1] < 16.0
+    assert errors[0] < bound and 6.5 < errors[0] / errors[1] < 16.0
 
 
 @pytest.mark.parametrize("essential", ["penalty", "transformation"])
