@@ -15,6 +15,7 @@ import pytest
 
 from myork.core.deck import load_deck
 from myork.core.scene import Scene
+from myork.errors import FileError
 from myork.model_file import write_model
 from myork.stations.solve import find_executable
 from tests.scenes import deck_file, myork, refuses
@@ -64,6 +65,12 @@ def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
     done = run(tmp_path / "deck.toml", "--explain")
     said = "not a regular file" if name == "model.h5" else f"{tmp_path / name}: the deck cannot be"
     assert done.returncode == 2 and said in done.stderr
+
+
+def test_a_model_that_is_not_built(tmp_path: Path) -> None:
+    said = "geometry.file: no model model.h5 in .* run `myork build` first"
+    assert re.search(said, explain(tmp_path).stderr)
+    refuses(said, Scene, tmp_path / "deck.toml", kind=FileError)
 
 
 @pytest.mark.parametrize("kind", ["source", "points"])

@@ -15,11 +15,13 @@ from myork.imaging.diffusion import (
     read_tensors,
     tensor_components,
 )
+from myork.imaging.geometry import with_axis_at
 from myork.imaging.gradients import GradientTable
 from myork.imaging.io import write_image
 from myork.imaging.phantom import make_phantom
-from myork.records import Image
-from tests.images import phantom_dwi
+from myork.model.orientation import check_orientation
+from myork.records import Image, Labels
+from tests.images import affine_of, centred, phantom_dwi
 from tests.scenes import refuses
 
 
@@ -137,3 +139,85 @@ def test_maps_of_known_tensors():
     assert maps["md"].data[0, 0, 0] == pytest.approx(2e-3)
     assert maps["fa"].data[0, 0, 0] == pytest.approx(np.sqrt(1.5 * 2 / 14))
     assert not any(image.data[1].any() for image in maps.values())
+
+
+# ---- wrong gradient axes are found by walls and by anatomy, right ones raise no doubt ------------
+
+
+@pytest.fixture(scope="module")
+def calf():
+    return make_phantom(size=(58, 58, 9), spacing=(2.0, 2.0, 10.0))
+
+
+def wrong(calf, axes):
+    return Image(calf.fiber.data @ parse_axes(axes).T, calf.fiber.affine)
+
+
+def test_the_right_axes_raise_no_doubt(calf):
+    evidence, doubt, remark = check_orientation(calf.fiber, calf.truth)
+    assert doubt == "" and "with anatomy +1.00" in remark
+    assert evidence[0].axes == "x y z" and evidence[0].agreement > 0.99
+    assert len(evidence) == len({entry.axes for entry in evidence}) == 24
+    nothing = Image(np.zeros_like(calf.fiber.data), calf.fiber.affine)
+    assert check_orientation(nothing, calf.truth) == ([], "", "")
+
+
+# What mends a table is the inverse of what damaged it.
+@pytest.mark.parametrize(("damaged", "mended"), [
+    ("-x y z", "-x y z"), ("x -y z", "x -y z"), ("x y -z", "x y -z"), ("x z y", "x z y"),
+    ("y -x z", "-y x z"),
+])  # fmt: skip
+def test_anatomy_tells_which_axes_are_wrong(calf, damaged, mended):
+    doubt = check_orientation(wrong(calf, damaged), calf.truth).doubt
+    assert "contradict anatomy" in doubt and f'image.gradient_axes = "{mended}"' in doubt
+
+
+@pytest.mark.slow
+def test_without_names_walls_tell_the_long_axis_but_not_flips(calf):
+    muscles = Labels((calf.truth.data > 0) * calf.truth.data, calf.truth.affine)
+    for axes in ("x y z", "x -y z", "y x z"):
+        found = check_orientation(wrong(calf, axes), muscles)
+        assert found.doubt == "" and found.evidence[0].agreement is None
+        assert "cannot be seen without muscles of known names" in found.remark
+    for axes in ("x z y", "z y x"):
+        found = check_orientation(wrong(calf, axes), muscles)
+        assert "fibers cross the walls of muscles" in found.doubt and found.remark == ""
+        # Nothing parts the mended table from one with the two axes across exchanged as well.
+        said = found.doubt.split('image.gradient_axes = "')[1].split('"')[0]
+        assert said.replace("-", "") in (axes, "z x y", "y z x")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("pennation", [0.5, 1.0, 1.4])
+@pytest.mark.parametrize("slices", [(4, 8.0), (9, 10.0)])
+def test_right_tables_of_short_and_pennate_muscles_raise_no_doubt(pennation, slices):
+    """Tracts of these are up to three times as long along wrong axes."""
+    n, h = slices
+    calf = make_phantom((58, 58, n), (2.0, 2.0, h), pennation=pennation)
+    for labels in ([3], [1], [1, 2, 3, 4, 5, 6]):
+        data = np.where(np.isin(calf.truth.data, labels), calf.truth.data, 0).astype(np.int32)
+        assert check_orientation(calf.fiber, Labels(data, calf.truth.affine)).doubt == ""
+
+
+def test_outlines_that_end_before_the_image_are_no_walls():
+    """A short bar, drawn in part of the image, whose fibers lean 20 degrees."""
+    x, y, z = centred(20, 16, 16)
+    inside = ((x / 8) ** 2 + (y / 6) ** 2 < 1) & (np.abs(2.5 * z) < 16)
+    lean = np.radians(20.0)
+    along = np.array([np.sin(lean), 0.0, np.cos(lean)])
+    affine = affine_of((1, 1, 2.5))
+    muscle = Labels(inside.astype(np.int32), affine)
+    right, swapped = (
+        check_orientation(Image(inside[..., np.newaxis] * way, affine), muscle)
+        for way in (along, along[::-1])
+    )
+    # all around, the mean square of the cosine to the walls' normals is half that of the lean
+    assert right.evidence[0].crossing == pytest.approx(0.5 * np.sin(lean) ** 2, abs=0.03)
+    assert right.doubt == "" and "swapped" in swapped.doubt
+
+
+def test_the_axes_are_those_of_the_diffusion_images(calf):
+    """Labels on voxels in another order do not rename what is to be exchanged."""
+    fibers, muscles = (with_axis_at(one, 2, 0) for one in (wrong(calf, "x z y"), calf.truth))
+    doubt = check_orientation(fibers, muscles, calf.truth.affine).doubt
+    assert 'image.gradient_axes = "x z y"' in doubt

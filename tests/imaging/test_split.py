@@ -222,7 +222,6 @@ def test_segment_walks_from_a_map_of_seeds(legs, tmp_path):
 
 #: Image keys of a walk from a map of seeds
 WALK = {"split": "walk", "tolerance": 0.01, "seeds": "seeds.nii.gz"}
-RIM = {"name": "fat", "rim": 4}
 
 
 def bone(*seeds):
@@ -233,24 +232,15 @@ SEED = bone(39, 34, 0)
 
 
 @pytest.mark.parametrize(("rules", "keys", "message"), [
-    ([RIM], {}, "muscle.fat.rim: only for image.split = walk"),
     ([SEED], {"split": "nearest"}, "image.reference: missing, a text is needed"),
-    ([{"name": "a"}], {}, "muscle.a: needs one of the keys seeds, rim"),
     ([], {"split": "walk"}, r"'walk' needs image.seeds or \[\[muscle\]\]"),
-    ([], {"split": "walk", "reference": "old.nii.gz"}, "image.reference: only for split = pie"),
     ([SEED], {"reference": "old.nii.gz"}, "both define the muscles; leave one of them out"),
     ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates per point are needed, no"),
     ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),
     ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
     ([bone(1, 34, 0)], {"split": "walk"}, "muscle.bone: .* does not lie in the"),
     ([bone(-9, 34, 0)], {"split": "walk"}, "muscle.bone: .* lies outside"),
-    ([], {"seeds": "seeds.nii.gz"}, "image.seeds: only for split = walk"),
-    ([], {"split": "walk", "seeds": "seeds.nii.gz", "reference": "old.nii.gz"},
-     "image.reference: only for|cannot be combined with"),
     ([], {"seed": [1, 1, 0]}, "image.seed: unknown key; write a .*muscle.* with its name"),
-    *(([], {"split": split, "reference": "old.nii.gz", key: 1},
-       f"{key}: only for split = .*; here split = {split}")
-      for split, key in (("pieces", "edge_weight"), ("nearest", "edge_weight"))),
     ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
     ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
 ])  # fmt: skip

@@ -300,9 +300,6 @@ def test_wrong_line(write: Write, old: str, new: str, message: str) -> None:
 
 
 @pytest.mark.parametrize(("changes", "message"), [
-    ({'quantity = "force"': 'quantity = "J"'}, "or u_x or u_y or u_z; here quantity = J"),
-    ({"point = [0.5, 0.5, 1]": 'point = [0.5, 0.5, 1]\nset = "z0"'},
-     "probe.mid.set: only for quantity = force or force_x or force_y or force_z or torque_x o"),
     ({'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "pull"'},
      "exact.probe: 'pull' is of force, which a homogeneous solution does not give"),
     ({'[[reference]]\nprobe = "mid"': '[[reference]]\nprobe = "pull"'},

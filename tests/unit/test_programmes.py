@@ -120,17 +120,12 @@ def with_amplitude(load: dict[str, Any] | None = None, **change: Any) -> dict[st
     return deck
 
 
-def with_probe(method: str = "auto", **probe: Any) -> dict[str, Any]:
-    return block(method, probe=[{"name": "p", **probe}])
-
-
 @pytest.mark.parametrize(("deck", "complaint"), [
     (with_amplitude(time=[0.1, 0.2, 0.3, 1]), "pull.time: must start at 0, not 0.1"),
     (with_amplitude({"amplitude": "pull"}), "there is no activation to scale by it"),
     (with_amplitude({"amplitude": "pull", "activation": 0.7}, value=[0, 2, 1, 0]),
      "leads to an activation of 1.4 of muscle"),
-    (with_probe(quantity="energy", set="z1"), "p.set: only for quantity = force or"),
-    (with_probe("rkcm", quantity="force", set="z1", material="muscle"),
+    (block("rkcm", probe=[{**scenes.probes("p force z1")[0], "material": "muscle"}]),
      "the force of one material needs a Galerkin form"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused(deck: dict[str, Any], complaint: str) -> None:

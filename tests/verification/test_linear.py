@@ -17,7 +17,7 @@ from myork.core.scene import Scene
 from myork.errors import InputError, MyorkError
 from myork.results import Results
 from myork.stations.solve import run_deck
-from tests.scenes import box, explained, gripped, held, neo, places, probes, refuses, scene, solved
+from tests.scenes import box, explained, gripped, held, places, probes, refuses, scene, solved
 
 #: Basis, support, Gauss points
 LINEAR = {
@@ -321,17 +321,10 @@ def poisson(**change: Any) -> dict[str, Any]:
     (known(2, POISSON, essential=()), "no value is prescribed"),
     (known(2, ELASTIC, essential=(), pin=[{"point": [0, 0.33], "components": ["x"]}]),
      "no boundary point lies at"),
-    (known(2, POISSON, probe=probes("s cauchy_xx 0.5 0.2")),
-     "cauchy_xx is only for linear.problem = elasticity or without .linear.; here linear.problem"),
     (known(2, POISSON, places=3), "fewer equations"),
-    (scene("auto", box(5), material=[neo(1, 5)], boundary=[{"set": "x0", "u_x": 0}]),
-     "dimension: 1 is only for linear.problem = poisson or elasticity; here without .linear."),
-    (known(1, POISSON, method="rkcm-mixed"), "rkcm-mixed is only without .linear.; here"),
     (poisson(source=["1", "2"]), r"linear.source: must have 1 item \(linear.pro"),
     (poisson(conductivity="x - 0.5"), "linear.conductivity: must be positive, not -0.5"),
     (poisson(exact="sqrt(x - 0.5)"), r"linear.exact: 'sqrt\(x - 0.5\)' is not finite"),
-    (known(2, POISSON) | {"boundary": [{"set": "x0", "u_x": 0}]},
-     "x0.u_x: only for linear.problem = elasticity or without .linear.; here linear.problem"),
     (known(2, POISSON) | {"boundary": [{"set": "x1", "flux": "1"}]}, "prescribed anywhere: gi"),
 ])  # fmt: skip
 def test_wrong_decks_are_refused(tables: Any, words: str) -> None:

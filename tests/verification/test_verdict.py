@@ -553,17 +553,6 @@ def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) ->
         assert states.min_acoustic_point[k].tolist() == step["min_acoustic"]["point"]
 
 
-def test_errors_of_a_linear_problem(inputs: Path, tmp_path: Path) -> None:
-    overrides = lattice([9, 9])
-    states, _ = in_memory(inputs / "poisson_2d.toml", overrides)
-    summary = execute(inputs / "poisson_2d.toml", tmp_path, "-q", sets=overrides)[0]
-    assert states.warnings == summary["warnings"] == []
-    assert set(states.errors) == {"L2", "H1", "relative_L2", "relative_H1"}
-    assert states.errors == summary["errors"]
-    assert states.force_imbalance == 0
-    assert np.isnan(states.min_acoustic).all() and np.isnan(states.min_acoustic_point).all()
-
-
 def test_warnings_are_those_of_the_last_solve(inputs: Path) -> None:
     """A reduced model has no checks of its own."""
     overrides = CASES["a coarse tube"][1]
