@@ -8,13 +8,7 @@ from dipy.reconst.dti import TensorModel
 from benchmarks.truths.scanners import even_directions, reordered, write_gradients
 from myork.errors import InputError
 from myork.imaging import diffusion
-from myork.imaging.diffusion import (
-    fit_tensors,
-    order_doubt,
-    parse_axes,
-    read_tensors,
-    tensor_components,
-)
+from myork.imaging.diffusion import fit_tensors, parse_axes, read_tensors, tensor_components
 from myork.imaging.geometry import with_axis_at
 from myork.imaging.gradients import GradientTable
 from myork.imaging.io import write_image
@@ -68,18 +62,18 @@ def test_a_table_in_another_order_is_doubted(phantom):
     """Directions of other images, at any noise; not those with a flipped axis, nor seven images."""
     for directions, snr in ((12, 5.0), (30, 25.0)):
         dwi, table = phantom_dwi(phantom, snr=snr, directions=directions)
-        assert not order_doubt(dwi, table)
+        assert not diffusion.order_doubt(dwi, table)
         flipped = table.direction * [1.0, -1.0, 1.0]
-        assert not order_doubt(dwi, GradientTable(table.b, flipped))
+        assert not diffusion.order_doubt(dwi, GradientTable(table.b, flipped))
         order = np.arange(len(table.b))
         weighted = np.flatnonzero(~table.still)
         for seed in range(3):
             order[weighted] = np.random.default_rng(seed).permutation(weighted)
-            said = order_doubt(dwi, GradientTable(table.b, table.direction[order]))
+            said = diffusion.order_doubt(dwi, GradientTable(table.b, table.direction[order]))
             assert "the table may belong to another series" in said
     few = np.r_[0, weighted[:6]]
     some = Image(dwi.data[..., few], dwi.affine)
-    assert not order_doubt(some, GradientTable(table.b[few], table.direction[few[::-1]]))
+    assert not diffusion.order_doubt(some, GradientTable(table.b[few], table.direction[few[::-1]]))
 
 
 @pytest.mark.parametrize("directions", [even_directions(5), np.tile([[0, 0, 1.0]], (8, 1))])

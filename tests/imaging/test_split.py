@@ -14,15 +14,9 @@ from myork.imaging.diffusion import tensor_components
 from myork.imaging.io import read_labels, read_reference
 from myork.imaging.phantom import KINDS, rician
 from myork.records import Image, Labels
-from myork.segmentation import walk
+from myork.segmentation import grouping, walk
 from myork.segmentation.channels import fiber_channels, smoothed_tensor
-from myork.segmentation.grouping import (
-    Muscle,
-    check_seeds,
-    group_by_reference,
-    group_by_rules,
-    rule_seeds,
-)
+from myork.segmentation.grouping import Muscle, rule_seeds
 from myork.segmentation.scores import dice, label_scores, pearson
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import heights_of, random_walk
@@ -385,24 +379,24 @@ def stripes(*numbers):
 def test_pieces_with_seeds():
     region = stripes(1, 0, 1, 2)
     rules = [muscle("a", 0, 1, 0), muscle("b", 4, 1, 0, 12, 1, 0)]
-    label, warnings = group_by_rules(region, GRID, rules)
+    label, warnings = grouping.group_by_rules(region, GRID, rules)
     assert np.array_equal(label, stripes(1, 2, 0, 2)) and not warnings
-    both = group_by_rules(region, GRID, [muscle("a", 0, 1, 0, 8, 1, 0)])[0]
+    both = grouping.group_by_rules(region, GRID, [muscle("a", 0, 1, 0, 8, 1, 0)])[0]
     assert np.array_equal(both, stripes(1, 0, 1, 0))
     # a piece that is shared is split by the nearest seed, with a warning
     rules = [muscle("a", 0, 1, 0), muscle("b", 10, 1, 0)]
-    label, warnings = group_by_rules(stripes(1, 1, 1, 0), GRID, rules)
+    label, warnings = grouping.group_by_rules(stripes(1, 1, 1, 0), GRID, rules)
     assert (label[:3] == 1).all() and (label[3:6] == 2).all() and not label[6:].any()
     assert "a, b share pieces of regions (24 voxels)" in warnings[0]
     # seeds outside of the region
     region, rules = stripes(1, 0, 2, -1), [muscle("a", 0, 1, 0), muscle("b", 14, 1, 0)]
     said = "muscle.b: .* not lie in the region to segment"
-    refuses(said, check_seeds, region >= 0, GRID, rules)
+    refuses(said, grouping.check_seeds, region >= 0, GRID, rules)
 
 
 def test_pieces_take_the_label_most_of_their_voxels_have():
     reference = Labels(stripes(4, 4, 0, 5), GRID.affine, {4: "four", 5: "five"})
-    found = group_by_reference(stripes(1, 0, 0, 1), reference)
+    found = grouping.group_by_reference(stripes(1, 0, 0, 1), reference)
     assert np.array_equal(found.data[:2], stripes(4)) and np.array_equal(found.data[6:], stripes(5))
     assert found.names == {4: "four", 5: "five"}
 

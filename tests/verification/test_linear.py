@@ -301,7 +301,10 @@ def test_one_step_and_its_files(tmp_path: Path, inputs: Path) -> None:
     assert summary["dofs"] == 100 and summary["rows"] == 400
     assert len((tmp_path / "history.csv").read_text().splitlines()) == 2
     states = solved(inputs / "poisson_2d.toml").states
-    assert states.x.shape == (1, 100)
+    assert states.x.shape == (1, 100) and states.warnings == summary["warnings"] == []
+    assert states.errors.keys() == {"L2", "H1", "relative_L2", "relative_H1"}
+    assert states.errors == pytest.approx(summary["errors"], rel=1e-9)
+    assert states.force_imbalance == 0 and np.isnan(states.min_acoustic).all()
     with Results(tmp_path) as results:
         x, y, z = results.points.T
         assert results.nstep == 1 and not z.any() and "cauchy" not in results.fields

@@ -259,9 +259,8 @@ def test_tangent_where_only_a_part_has_fibers(open_plates):
 
 
 def test_strong_forms_refuse_fibers_that_jump(open_plates):
-    scenes.refuses(
-        "interface_fibers: only for .* rkpm-gauss; here", open_plates, "own", method="rkcm"
-    )
+    said = "interface_fibers: only for .* rkpm-gauss; here"
+    scenes.refuses(said, open_plates, "own", method="rkcm")
 
 
 def squeezed(bulk, layers):

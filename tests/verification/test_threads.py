@@ -32,7 +32,7 @@ def digest(*arrays):
 def solved(scene):
     states = scene.solve()
     fields = scene.fields(states.x[-1], 1.0)
-    return states, digest(states.x, fields.u, fields.f, fields.cauchy)
+    return states, digest(states.x, states.probe_errors, fields.u, fields.f, fields.cauchy)
 
 def level_sets():
     rng = np.random.default_rng(1)
