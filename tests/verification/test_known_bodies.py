@@ -4,6 +4,7 @@ Truths are finite elements of the true shape and the boundary value problem of t
 (`benchmarks/truths/tubes.py`), which is the same at every angle.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -180,3 +181,23 @@ def test_a_glued_end_bears_what_its_supports_exert() -> None:
     assert truths is not None
     found = solved(sized_tables(problem.tables, [9, 17])).last()
     assert found["s_end"] == pytest.approx(truths.values["s_end"].value, rel=0.02)
+
+
+# ---- decks of inputs/ against stored answers -----------------------------------------------------
+
+#: Value, tolerance and origin of each number; those of this program are changed by hand where a
+#: change of the method moves them
+REFERENCES = Path(__file__).parents[1] / "references"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", sorted(REFERENCES.glob("*.json")), ids=lambda file: file.stem)
+def test_deck(file: Path, inputs: Path) -> None:
+    """Probes by name and component, and the iterations of all steps."""
+    reference = json.loads(file.read_text(encoding="utf-8"))
+    answer = solved(inputs / f"{file.stem}.toml", *reference["overrides"])
+    ends = answer.ends() | {"iterations": answer.states.iterations.sum(keepdims=True)}
+    for name, entry in reference["values"].items():
+        probe, _, axis = name.partition(".")
+        found = ends[probe]["xyz".find(axis)]
+        assert found == pytest.approx(entry["value"], rel=0, abs=entry["tolerance"]), name

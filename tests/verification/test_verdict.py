@@ -313,6 +313,8 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     ("uniaxial_tension", ("scene.method=rkcm",), {"stress": 107185.0}),
     ("uniaxial_tension", GAUSS, {"stress": 107185.0}),
     ("uniaxial_compression", ("scene.method=rkcm-mixed",), {"stress": -7309.62}),
+    ("equibiaxial", ("scene.method=rkcm", *lattice([5, 5, 3])), {"stress": 349.300146}),
+    ("dilation", ("scene.method=rkcm", *lattice([4, 4, 4])), {"stress": 53750.0}),
     ("shear_2d", ("scene.method=rkcm-mixed", *lattice([17, 5])), {"top_force": 247.93}),
     ("shear_2d", (*GAUSS, *lattice([17, 5])), {"top_force": 247.93}),
     ("tube", ("scene.method=rkcm-mixed", *lattice([5, 26]), "material.K=1e3"),
