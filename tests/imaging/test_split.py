@@ -505,14 +505,11 @@ def means(found, truth):
     return np.array([dice(found.data == number, truth.data == number) for number in numbers])
 
 
-def one_slice_of(today, then, drawn):
-    return [one_slice(image) for image in (today.anatomy, then, drawn, today.truth)]
-
-
 @pytest.mark.slow
 def test_every_muscle_of_a_slice_follows_its_own_bend():
     """The grid of the earlier visit may be another: finer, turned about, and begun elsewhere."""
-    image, then, drawn, truth = one_slice_of(*visits())
+    today, then, drawn = visits()
+    image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
     found = bend_labels(drawn, then, image, body_mask(image))
     after = means(found, truth)
     assert means(drawn, truth).mean() < 0.89

@@ -69,16 +69,12 @@ for threads in (1, 2):
 """
 
 
-def clean_environment() -> dict[str, str]:
-    """Libraries may use what the machine has."""
-    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "OPENBLAS_"))}
-    return {**kept, "OMP_WAIT_POLICY": "passive", "PYTHONPATH": os.pathsep.join(sys.path)}
-
-
 def run(program: str, *words: object, **environment: str) -> list[str]:
     """Lines that a program says in a process without the limits that the tests run under."""
+    kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "OPENBLAS_"))}
+    kept |= {"OMP_WAIT_POLICY": "passive", "PYTHONPATH": os.pathsep.join(sys.path)}
     done = subprocess.run(
-        [sys.executable, "-c", program, *map(str, words)], env=clean_environment() | environment,
+        [sys.executable, "-c", program, *map(str, words)], env=kept | environment,
         capture_output=True, text=True,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
