@@ -594,10 +594,6 @@ def test_without_a_lattice_there_is_no_surface() -> None:
 # ---- pages of sweeps -----------------------------------------------------------------------------
 
 
-def force_of(sigma: float, angle: float) -> float:
-    return -2.0 * sigma + 0.1 * angle + 0.005 * sigma * angle
-
-
 @pytest.fixture
 def swept(tmp_path: Path) -> Path:
     """Thirty points of three keys, of which one does nothing; one failed, one is not solved."""
@@ -609,7 +605,8 @@ def swept(tmp_path: Path) -> Path:
     lines = [json.dumps({"sweep": {**head, "model": None}})]
     for k, (sigma, angle, _) in enumerate(points[:30]):
         row: dict[str, Any] = {"point": k, "verdict": "accepted", "message": "", "cpu_s": 2.0}
-        row |= {"probes": {"force": force_of(sigma, angle)}, "errors": {"force": 0.5}}
+        force = -2.0 * sigma + 0.1 * angle + 0.005 * sigma * angle
+        row |= {"probes": {"force": force}, "errors": {"force": 0.5}}
         if k == 7:
             row |= {"probes": {}, "errors": {}, "verdict": "failed", "message": "J below <0>"}
         lines.append(json.dumps(row))
