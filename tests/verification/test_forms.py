@@ -2,7 +2,7 @@
 
 Patch test, homogeneous states, tangents, balance of forces, orders on manufactured solutions,
 tangents that are not formed; weak forms: locking, displacements that hold exactly. Bits on one and
-on two threads: test_threads.py.
+on two threads: test_interrupts.py.
 """
 
 import re
