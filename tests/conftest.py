@@ -20,14 +20,6 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 import pytest  # noqa: E402
 
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption(
-        "--update-reference",
-        action="store_true",
-        help="write the values that regression tests find into their JSON references",
-    )
-
-
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """What is neither slow nor nightly is core; what trains a reduced model is slow."""
     for item in items:

@@ -89,15 +89,6 @@ def may_use(user: str, used: str, layers: list[set[str]]) -> bool:
     return user == used or layer_of(user, layers) > layer_of(used, layers)
 
 
-def fortran_room(path: Path) -> str:
-    return path.parent.name
-
-
-def python_room(module: str) -> str:
-    """Room of a dotted name below myork: its file or folder."""
-    return module.split(".")[0]
-
-
 def imported_modules(path: Path) -> list[str]:
     """Dotted names below myork that a file imports, at its top or inside a function."""
     found = []
@@ -117,7 +108,7 @@ def imported_modules(path: Path) -> list[str]:
 
 def test_every_folder_has_a_place() -> None:
     assert F90 and PYTHON
-    assert {fortran_room(path) for path in F90} == set().union(*FORTRAN_LAYERS)
+    assert {path.parent.name for path in F90} == set().union(*FORTRAN_LAYERS)
     assert sum(path.is_dir() for path in FORTRAN.iterdir()) <= 16
 
 
@@ -125,10 +116,10 @@ USE = re.compile(r"\s*use\b(\s*,\s*(?P<nature>\w+)\s*::|\s*::)?\s*(?P<name>\w+)(
 
 
 def test_fortran_uses_lower_layers() -> None:
-    home = {module.stem: fortran_room(module) for module in F90}
+    home = {module.stem: module.parent.name for module in F90}
     wrong = []
     for path in F90:
-        room = fortran_room(path)
+        room = path.parent.name
         for line in fortran_code(path):
             use = USE.match(line)
             if use is None:
@@ -152,7 +143,7 @@ def test_fortran_house_rules() -> None:
     wrong = []
     for path in F90:
         code = "\n".join(fortran_code(path))
-        room = fortran_room(path)
+        room = path.parent.name
         modules = re.findall(r"^module\s+(?!procedure\b)(\w+)", code, re.MULTILINE)
         if modules not in ([], [path.stem]):
             wrong.append(f"{name_of(path)}: one module, named as its file")
@@ -187,9 +178,9 @@ def test_fortran_house_rules() -> None:
 def test_python_imports_lower_layers() -> None:
     wrong = []
     for path in PYTHON:
-        room = python_room(".".join(path.relative_to(PACKAGE).with_suffix("").parts))
+        room = path.relative_to(PACKAGE).with_suffix("").parts[0]
         for module in imported_modules(path):
-            used = python_room(module)
+            used = module.split(".")[0]
             if used == "_core":
                 if room != "core":
                     wrong.append(f"{name_of(path)}: {room} imports the extension; only core does")

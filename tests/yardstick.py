@@ -38,7 +38,7 @@ sys.path.insert(0, str(ROOT))
 
 from tests.scenes import BODIES  # noqa: E402
 
-REFERENCES = Path(__file__).parent / "regression" / "references"
+REFERENCES = Path(__file__).parent / "references"
 STATIONS = {
     "segment": myork.segment, "build": myork.build, "rom": myork.run_rom, "solve": myork.run_deck,
 }  # fmt: skip

@@ -160,7 +160,6 @@ _WAYS: dict[str, Way] = {
     "lines": _lines,
     "array": _array,
     # what a table of known damage names
-    "put": lambda content, _, what: content.replace(*what),
     "all": lambda content, _, what: what,
 }
 

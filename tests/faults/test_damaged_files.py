@@ -1,11 +1,15 @@
-"""Damaged files of every kind: refused by name or read, without a crash, a hang or a traceback."""
+"""Damaged files and little memory: refused by name or read, without a crash, hang or traceback."""
 
 import io
+import json
 import os
 import re
 import resource
 import shutil
+import signal
 import subprocess
+import sys
+import time
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -13,6 +17,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import h5py
 import nibabel
 import numpy as np
 import pytest
@@ -30,11 +35,12 @@ from myork.model_file import read_model, write_model
 from myork.results import Results
 from myork.stations.segment import segment
 from myork.stations.solve import find_executable
+from myork.summary import WAITING
 from tests.faults.damage import ARRAY, BYTES, SETTINGS, TEXT, Edit, damaged
 from tests.imaging.test_formats import series
-from tests.scenes import box, held, probes, refuses
+from tests.scenes import box, deck_file, held, myork, probes, refuses
 from tests.scenes import scene as tables_of
-from tests.unit.test_scene_from_tables import BLOCK, cloud
+from tests.unit.test_scene_from_tables import BLOCK, PULLED, cloud
 
 AFFINE = np.diag([2.0, 2.0, 5.0, 1.0])
 FAT = '[[material]]\nname = "fat"\nlabel = 2\nmodel = "neo-hookean"\nmu = 1.0\nK = 100.0\n'
@@ -254,10 +260,6 @@ def test_any_damage(sound: Path, kind: str, count: int) -> None:
     assert any(refused) and (count < 400 or kind != "voxels" or not all(refused))
 
 
-def put(old: str, new: str) -> list[Edit]:
-    return [("put", 0, (old.encode(), new.encode()))]
-
-
 def text(new: str) -> list[Edit]:
     return [("all", 0, new.encode())]
 
@@ -336,3 +338,230 @@ def test_impossible_values(tmp_path: Path, key: str, values: np.ndarray, message
     kind = (InputError, FileError)  # exit status 2
     said = refuses(message, segment, segmented(**paths), tmp_path / "out", kind=kind)
     assert str(tmp_path) in said
+
+
+# ---- models, words, memories and environments on which the executable ended badly once -----------
+
+
+PATIENCE = 60
+
+
+def run(*words: str | Path, **more) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [find_executable(), *words], capture_output=True, text=True, timeout=PATIENCE, **more
+    )
+
+
+def asked(folder: Path, *words: str, **more) -> subprocess.CompletedProcess[str]:
+    return run(deck_file(folder / "deck.toml", BLOCK), "--explain", "-o", folder, *words, **more)
+
+
+@pytest.fixture
+def model(tmp_path: Path) -> Path:
+    write_model(tmp_path / "model.h5", cloud())
+    return tmp_path
+
+
+def limited(size: int) -> dict[str, Callable[[], None]]:
+    """Words of a process that has so much address space [bytes]."""
+    return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))}
+
+
+@pytest.mark.slow
+def test_many_names_take_little_memory(model: Path) -> None:
+    """20,000 names, each of which took the room of all of them: 4 GB."""
+    names = "z0\nz1\n" + "\n".join(f"set {i}" for i in range(20_000))
+    with h5py.File(model / "model.h5", "r+") as file:
+        del file["set_names"]
+        file["set_names"] = np.frombuffer(names.encode(), np.uint8)
+    done = asked(model, **limited(1_500_000_000))
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("name", ["model.h5", "deck.toml"])
+def test_a_pipe_is_no_file(tmp_path: Path, name: str) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    deck_file(tmp_path / "deck.toml", BLOCK)
+    (tmp_path / name).unlink(missing_ok=True)
+    (tmp_path / name).symlink_to("pipe")
+    done = run(tmp_path / "deck.toml", "--explain")
+    said = "not a regular file" if name == "model.h5" else f"{tmp_path / name}: the deck cannot be"
+    assert done.returncode == 2 and said in done.stderr
+
+
+def test_a_model_that_is_not_built(tmp_path: Path) -> None:
+    said = "geometry.file: no model model.h5 in .* run `myork build` first"
+    assert re.search(said, asked(tmp_path).stderr)
+    refuses(said, Scene, tmp_path / "deck.toml", kind=FileError)
+
+
+@pytest.mark.parametrize("kind", ["source", "points"])
+def test_two_points_in_one_place(tmp_path: Path, kind: str) -> None:
+    """Refused by number and place, from a file and from arrays."""
+    points = getattr(cloud(), kind).copy()
+    points[9] = points[3] + 1e-9
+    body = replace(cloud(), **{kind: points})
+    what = f"{'source' if kind == 'source' else 'collocation'} points 4 and 10 at (0, "
+    write_model(tmp_path / "model.h5", body)
+    done = asked(tmp_path)
+    assert done.returncode == 2 and what in done.stderr and "are the same" in done.stderr
+    refuses(re.escape(what), Scene.from_tables, PULLED, cloud=body)
+
+
+def test_exponents_of_three_digits_keep_their_letter(model: Path) -> None:
+    asked(model)
+    words = ["-v", "-o", model, "--set", "material.A10=1e115", "--set", "material.K=1e117"]
+    done = run(model / "deck.toml", *words)
+    assert re.search(r"iteration 1  \|r\|  \d\.\dE\+10\d  \|A'r\|  \d\.\dE\+2\d\d  ", done.stdout)
+    source = cloud().source.copy()
+    source[[3, 9]] = 0.5, -1e-123, 0.375
+    write_model(model / "model.h5", replace(cloud(), source=source))
+    done = asked(model)
+    assert done.returncode == 2 and "(0.5, -1E-123, 0.375)" in done.stderr
+
+
+def test_threads_of_the_environment(model: Path) -> None:
+    many = {**os.environ, "OMP_NUM_THREADS": "100000", "PYTHONPATH": os.pathsep.join(sys.path)}
+    assert asked(model, "-t", "2", env=many).returncode == 0
+    done = asked(model, env=many)
+    assert done.returncode == 2 and "OMP_NUM_THREADS is 100000" in done.stderr
+    assert "OMP_NUM_THREADS is 100000" in myork("explain", model / "deck.toml", env=many).stderr
+
+
+@pytest.mark.parametrize("word", ["--help", "--version"])
+def test_little_memory_answers_questions(word: str) -> None:
+    ends = [run(word), run(word, **limited(300_000_000))]
+    assert ends[0].returncode == ends[1].returncode == 0
+    assert ends[0].stdout == ends[1].stdout and "myork-solve" in ends[0].stdout
+
+
+@pytest.mark.parametrize(("words", "message"), [
+    (["-t", "100000"], "-t 100000: the number of threads must be between 1 and 1024"),
+    (["--threads", "0"], "--threads 0: the number of threads must be between 1 and 1024"),
+    (["--threads"], "--threads needs a value"),
+    (["--out"], "--out needs a value"),
+    (["--set", "load.steps=2\nload.activation=1"], "an override must be a single line"),
+])  # fmt: skip
+def test_words_of_the_executable(model: Path, words: list[str], message: str) -> None:
+    done = asked(model, *words)
+    assert done.returncode == 2 and message in done.stderr
+
+
+def test_texts_of_a_deck() -> None:
+    """A null character cut a text; half a megabyte took 15 s."""
+    for tables, said in (
+        ({"title": "a\0b"}, r"title: must not contain the character .u0000"),
+        ({"title": "x" * 500_000}, "title: must not be longer than 4096 bytes, not 500000"),
+        ({"x" * 500_000: 1}, r"tables: x{100,200}\.\.\.: unknown"),
+    ):
+        refuses(said, load_deck, tables)
+
+
+def test_little_memory_is_refused_at_once(model: Path) -> None:
+    little = limited(300_000_000)
+    for done in (asked(model, **little), myork("explain", model / "deck.toml", **little)):
+        assert done.returncode == 2 and "ulimit -v" in done.stderr
+
+
+# ---- signals and full disks: an earlier result stays whole, whoever wrote it ---------------------
+
+
+COMMANDS = ("solve", "rom", "segment", "build", "report")
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A deck of each command, and a folder with its result."""
+    place = tmp_path_factory.mktemp("place")
+    for name, values in (("anatomy", disc()), ("labels", np.pad(np.ones((6,) * 3, "i2"), 1))):
+        nibabel.save(nibabel.Nifti1Image(values, AFFINE), place / f"{name}.nii")
+    box = {"scene": {"dimension": 3}, "build": {"labels": str(place / "labels.nii"), "ids": [1]}}
+    decks = (BAR, BAR, segmented(anatomy=place / "anatomy.nii"), box)
+    for name, deck in zip(COMMANDS, decks, strict=False):
+        deck_file(place / f"{name}.toml", deck)
+    for name in COMMANDS:
+        if name == "report":
+            shutil.copytree(place / "solve", place / "report")
+        ended(start(place, name, place / name), 0)
+    return place
+
+
+def words(place: Path, name: str, out: Path) -> list[str]:
+    start = [sys.executable, "-m", "myork", name, "-q"]
+    if name == "report":
+        return [*start, str(out)]
+    return [*start, str(place / f"{name}.toml"), "--threads", "1", "--out", str(out)]
+
+
+def start(
+    place: Path, name: str, out: Path, before: Callable[[], None] | None = None
+) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        words(place, name, out),
+        stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE,
+        encoding="utf-8", errors="replace", preexec_fn=before,
+    )  # fmt: skip
+
+
+def ended(run: subprocess.Popen[str], *codes: int) -> str:
+    said = run.communicate(timeout=PATIENCE)[1]
+    assert run.returncode in codes, said
+    return said
+
+
+def assert_whole(earlier: Path, out: Path) -> None:
+    """Every file of the earlier result is there, as it was, set aside, or new and whole."""
+    for path in sorted(path for path in earlier.iterdir() if path.is_file()):
+        now = out / path.name
+        places = (now, out / WAITING)
+        kept = [place.read_bytes() for place in places if place.is_file()]
+        assert kept, now
+        if path.name == ".lock" or ".part" in path.name or path.read_bytes() in kept:
+            continue
+        if now.suffix == ".json":
+            json.loads(now.read_text())
+        elif now.suffix == ".html":
+            assert now.read_text().rstrip().endswith("</html>")
+        elif now.suffix in (".h5", ".vtkhdf"):
+            with h5py.File(now) as file:
+                file.visititems(lambda _, entry: entry[()] if hasattr(entry, "shape") else None)
+        elif ".nii" in now.name:
+            np.asarray(nibabel.Nifti1Image.from_filename(now).dataobj)
+        else:
+            assert now.stat().st_size > 0, now
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_signal_at_any_moment(place: Path, tmp_path: Path, name: str) -> None:
+    began = time.perf_counter()
+    ended(start(place, name, place / name), 0)
+    seconds = time.perf_counter() - began
+    moments = np.random.default_rng(11).uniform(0.02, 1.0, 9) * seconds
+    kinds = (signal.SIGINT, signal.SIGTERM, signal.SIGKILL)
+    for number, (wait, kind) in enumerate(zip(moments, 3 * kinds, strict=True)):
+        out = tmp_path / str(number)
+        shutil.copytree(place / name, out)
+        run = start(place, name, out)
+        time.sleep(wait)
+        run.send_signal(kind)
+        # 3 where a library was loading; a signal where there was no handler yet, or Python passes
+        # on the interrupt that it makes of each
+        try:
+            ended(run, 0, 1, 2, 3, -kind, 128 + kind, -signal.SIGINT)
+        except AssertionError as ends:
+            # other libraries may abort if interrupted while they load
+            assert run.returncode == -signal.SIGABRT and "cannot be loaded" in str(ends)
+        assert_whole(place / name, out)
+
+
+@pytest.mark.nightly
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_full_disk(place: Path, tmp_path: Path, name: str) -> None:
+    """Limits on the size of files stand for full disks."""
+    for size in np.geomspace(1, 3e5, 6).astype(int).tolist():
+        out = tmp_path / str(size)
+        shutil.copytree(place / name, out)
+        limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (size, size))
+        assert "Traceback" not in ended(start(place, name, out, limit), 0, 1, 2)
+        assert_whole(place / name, out)

@@ -1,6 +1,7 @@
-"""Parting what has one grey value: random walks, nearest labels, a reference."""
+"""Label maps where grey values are one: walks, nearest labels, references; muscles of regions."""
 
 import json
+import sys
 from functools import partial
 
 import numpy as np
@@ -8,16 +9,21 @@ import pytest
 from scipy import ndimage
 from scipy.spatial.transform import Rotation
 
-from myork.errors import FileError, InputError
+from myork.core.deck import load_deck
+from myork.errors import FileError, InputError, InstallationError
+from myork.imaging.diffusion import tensor_components
 from myork.imaging.io import read_labels, read_reference
-from myork.imaging.phantom import rician
+from myork.imaging.phantom import KINDS, make_phantom, rician
 from myork.records import Image, Labels
-from myork.segmentation import walk
-from myork.segmentation.channels import smoothed_tensor
+from myork.segmentation import grouping, walk
+from myork.segmentation.bending import bend_labels
+from myork.segmentation.channels import fiber_channels, smoothed_tensor
 from myork.segmentation.grouping import Muscle, rule_seeds
-from myork.segmentation.scores import dice
+from myork.segmentation.regions import body_mask
+from myork.segmentation.scores import dice, label_scores, pearson
 from myork.segmentation.starts import seeded_regions
 from myork.segmentation.walk import heights_of, random_walk
+from myork.stations.segment import segment
 from tests.images import affine_of, centred, labels_in, save, segmented
 from tests.scenes import refuses
 
@@ -213,7 +219,6 @@ def test_segment_walks_from_a_map_of_seeds(legs, tmp_path):
 
 #: Image keys of a walk from a map of seeds
 WALK = {"split": "walk", "tolerance": 0.01, "seeds": "seeds.nii.gz"}
-RIM = {"name": "fat", "rim": 4}
 
 
 def bone(*seeds):
@@ -224,24 +229,15 @@ SEED = bone(39, 34, 0)
 
 
 @pytest.mark.parametrize(("rules", "keys", "message"), [
-    ([RIM], {}, "muscle.fat.rim: only for image.split = walk"),
     ([SEED], {"split": "nearest"}, "image.reference: missing, a text is needed"),
-    ([{"name": "a"}], {}, "muscle.a: needs one of the keys seeds, rim"),
     ([], {"split": "walk"}, r"'walk' needs image.seeds or \[\[muscle\]\]"),
-    ([], {"split": "walk", "reference": "old.nii.gz"}, "image.reference: only for split = pie"),
     ([SEED], {"reference": "old.nii.gz"}, "both define the muscles; leave one of them out"),
     ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates per point are needed, no"),
     ([bone(1, 34, 0)], {}, "muscle.bone: .* does not lie in the region to segment"),
     ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
     ([bone(1, 34, 0)], {"split": "walk"}, "muscle.bone: .* does not lie in the"),
     ([bone(-9, 34, 0)], {"split": "walk"}, "muscle.bone: .* lies outside"),
-    ([], {"seeds": "seeds.nii.gz"}, "image.seeds: only for split = walk"),
-    ([], {"split": "walk", "seeds": "seeds.nii.gz", "reference": "old.nii.gz"},
-     "image.reference: only for|cannot be combined with"),
     ([], {"seed": [1, 1, 0]}, "image.seed: unknown key; write a .*muscle.* with its name"),
-    *(([], {"split": split, "reference": "old.nii.gz", key: 1},
-       f"{key}: only for split = .*; here split = {split}")
-      for split, key in (("pieces", "edge_weight"), ("nearest", "edge_weight"))),
     ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
     ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
 ])  # fmt: skip
@@ -366,3 +362,221 @@ def test_a_band_of_fat_drawn_at_the_skin_is_kept(tmp_path):
     # a background over the skin does not bring it back
     save(tmp_path, AFFINE, seeds=Labels(strokes, AFFINE, names | {3: "background"}))
     assert "lie outside of the region" in parted(tmp_path, **WALK)["warnings"][0]
+
+
+# ---- from regions to muscles; fiber channels; the six muscles of the phantom ---------------------
+
+
+GRID = Image(np.zeros((8, 4, 1)), np.diag([2.0, 1.0, 1.0, 1.0]), "grid")
+
+
+def muscle(name, *seeds):
+    return Muscle(name, np.reshape(np.array(seeds, float), (-1, 3)))
+
+
+def stripes(*numbers):
+    """Columns of regions, each two voxels wide."""
+    return np.repeat(np.repeat(numbers, 2)[:, None], 4, axis=1)[..., None].astype(np.int32)
+
+
+def test_pieces_with_seeds():
+    region = stripes(1, 0, 1, 2)
+    rules = [muscle("a", 0, 1, 0), muscle("b", 4, 1, 0, 12, 1, 0)]
+    label, warnings = grouping.group_by_rules(region, GRID, rules)
+    assert np.array_equal(label, stripes(1, 2, 0, 2)) and not warnings
+    both = grouping.group_by_rules(region, GRID, [muscle("a", 0, 1, 0, 8, 1, 0)])[0]
+    assert np.array_equal(both, stripes(1, 0, 1, 0))
+    # a piece that is shared is split by the nearest seed, with a warning
+    rules = [muscle("a", 0, 1, 0), muscle("b", 10, 1, 0)]
+    label, warnings = grouping.group_by_rules(stripes(1, 1, 1, 0), GRID, rules)
+    assert (label[:3] == 1).all() and (label[3:6] == 2).all() and not label[6:].any()
+    assert "a, b share pieces of regions (24 voxels)" in warnings[0]
+    # seeds outside of the region
+    region, rules = stripes(1, 0, 2, -1), [muscle("a", 0, 1, 0), muscle("b", 14, 1, 0)]
+    said = "muscle.b: .* not lie in the region to segment"
+    refuses(said, grouping.check_seeds, region >= 0, GRID, rules)
+
+
+def test_pieces_take_the_label_most_of_their_voxels_have():
+    reference = Labels(stripes(4, 4, 0, 5), GRID.affine, {4: "four", 5: "five"})
+    found = grouping.group_by_reference(stripes(1, 0, 0, 1), reference)
+    assert np.array_equal(found.data[:2], stripes(4)) and np.array_equal(found.data[6:], stripes(5))
+    assert found.names == {4: "four", 5: "five"}
+
+
+def test_fiber_channels_do_not_know_the_sign_and_fade_without_direction():
+    v = np.random.default_rng(0).normal(size=(5, 4, 3, 3))
+    v /= np.linalg.norm(v, axis=-1, keepdims=True)
+    full = 1e-3 * (np.eye(3) + v[..., :, None] * v[..., None, :])
+    full[0] = 1e-3 * np.eye(3)
+    tensor, there = Image(tensor_components(full), np.eye(4), "tensor"), np.ones((5, 4, 3), bool)
+    dyads = fiber_channels(tensor, there, "dyad")
+    assert np.abs(dyads[0]).max() < 1e-9
+    apart = ((dyads[1:, :2] - dyads[1:, 2:]) ** 2).sum(-1)
+    sine = 1 - (v[1:, :2] * v[1:, 2:]).sum(-1) ** 2
+    np.testing.assert_allclose(apart, 2 * sine, atol=1e-9)
+    assert (fiber_channels(tensor, there, "aligned")[..., 2] >= 0).all()
+    flat = Image(0 * tensor.data, np.eye(4), "flat")
+    refuses("the diffusion is isotropic everywhere", fiber_channels, flat, there, "dyad")
+
+
+def few_slices(inputs, out, slices, *overrides):
+    """Segmentation of the phantom by leg_muscles.toml, in few slices over its 84 mm."""
+    deck, step = inputs / "leg_muscles.toml", 84 // (slices - 1)
+    few = [f"phantom.size=[96, 96, {slices}]", f"phantom.spacing=[1.25, 1.25, {step}]"]
+    for entry in load_deck(deck)["muscle"]:
+        seeds = np.reshape(entry["seeds"], (-1, 3))
+        seeds[:, 2] = step * np.rint(seeds[:, 2] / step)
+        few.append(f"muscle.{entry['name']}.seeds={seeds.ravel().tolist()}")
+    return segment(deck, out, overrides=[*few, *overrides])["segmentation"]
+
+
+@pytest.mark.slow
+def test_six_muscles_by_fibers_and_without(tmp_path, inputs):
+    """The fibers part what has one grey value; five slices to be quick."""
+    means = {}
+    for kind in ("dyad", "none"):
+        found = few_slices(inputs, tmp_path / kind, 5, f"image.fiber_channels={kind}")
+        scores = {name: score["dice"] for name, score in found["scores"].items()}
+        assert len(scores) == 6 and (np.diff(found["energy"]) <= 0).all()
+        means[kind] = np.mean(list(scores.values()))
+        assert kind == "none" or scores["medial_gastrocnemius"] > 0.9
+    assert means["dyad"] > 0.9
+    # Without fibers the muscles are one region, split by the nearest seed.
+    assert means["none"] < means["dyad"] - 0.08
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("snr", "more"), [
+    (10, {"seed": 3}), (25, {"seed": 5, "bias": 0.7}), (18, {"seed": 6, "pennation": 0.75}),
+])  # fmt: skip
+def test_other_phantoms_by_the_same_settings(tmp_path, inputs, snr, more, monkeypatch):
+    """What the deck's settings were not chosen on; three slices to be quick."""
+    monkeypatch.setitem(KINDS, "packed", KINDS["packed"] | more)
+    found = few_slices(inputs, tmp_path, 3, f"phantom.snr={snr}")
+    assert np.mean([score["dice"] for score in found["scores"].values()]) > 0.9
+
+
+def test_dice_by_hand_and_pearson_against_numpy():
+    a, m = np.array([1, 1, 1, 0, 0, 0]), np.array([0, 1, 1, 1, 1, 0])
+    assert dice(a, m) == pytest.approx(2 * 2 / (3 + 4))
+    assert dice(a, a) == 1.0 and dice(a, 1 - a) == 0.0 and np.isnan(dice(a * 0, a * 0))
+    f, g = np.random.default_rng(0).random((2, 5, 7))
+    assert pearson(f, g) == pytest.approx(np.corrcoef(f.ravel(), g.ravel())[0, 1], abs=1e-14)
+    assert pearson(f, 3 * f + 2) == pytest.approx(1.0) and np.isnan(pearson(f, f * 0 + 1))
+    # of labels and slices
+    found = np.zeros((4, 4, 2), int)
+    truth = found.copy()
+    found[:2, :, 0], truth[1:3, :, 0] = 1, 7
+    scores = label_scores(found, truth, {"a": (1, [7])})["a"]
+    assert scores["dice"] == pytest.approx(0.5) and scores["dice_by_slice"][0] == pytest.approx(0.5)
+    assert np.isnan(scores["dice_by_slice"][1])
+
+
+# ---- a reference bent onto an image by the image it was drawn in ---------------------------------
+
+
+def one_slice(image):
+    affine = image.affine.copy()
+    affine[:3, 3] += affine[:3, 2]
+    return type(image)(np.ascontiguousarray(image.data[:, :, 1:2]), affine)
+
+
+def visits(amount=6.0, size=(96, 96, 3), spacing=(1.25, 1.25, 6.0)):
+    """Image and labels of today, and of an earlier visit: bent, of another contrast and noise."""
+    today, earlier = (make_phantom(size, spacing, seed=seed) for seed in (1, 9))
+    spacing = np.array(spacing)
+    random = np.random.default_rng(4)
+    shape = today.truth.data.shape
+    fields = [ndimage.gaussian_filter(random.normal(size=shape), 30 / spacing) for _ in range(3)]
+    places = [
+        axis + amount * field / np.abs(field).max() / step
+        for axis, field, step in zip(np.indices(shape), fields, spacing, strict=True)
+    ]
+    grey = ndimage.map_coordinates(earlier.anatomy.data, places, order=1, mode="nearest")
+    label = ndimage.map_coordinates(earlier.truth.data, places, order=0, mode="nearest")
+    affine = today.anatomy.affine
+    return today, Image(grey.max() - grey, affine, "then"), Labels(label, affine)
+
+
+def means(found, truth):
+    """Dice of the six muscles."""
+    numbers = range(1, 7)
+    return np.array([dice(found.data == number, truth.data == number) for number in numbers])
+
+
+@pytest.mark.slow
+def test_every_muscle_of_a_slice_follows_its_own_bend():
+    """The grid of the earlier visit may be another: finer, turned about, and begun elsewhere."""
+    today, then, drawn = visits()
+    image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
+    found = bend_labels(drawn, then, image, body_mask(image))
+    after = means(found, truth)
+    assert means(drawn, truth).mean() < 0.89
+    assert after.mean() > 0.95 and after.min() > 0.88
+    np.testing.assert_array_equal(found.affine, image.affine)
+    affine = then.affine @ np.diag([-0.5, 0.5, 1.0, 1.0])
+    affine[:3, 3] = (then.affine @ [95.25, -0.25, 0.0, 1.0])[:3]
+    drawn, then = (
+        kind(np.flip(ndimage.zoom(one.data, (2, 2, 1), order=n, grid_mode=True, mode="nearest"), 0),
+             affine) for kind, one, n in ((Labels, drawn, 0), (Image, then, 1))
+    )  # fmt: skip
+    other = bend_labels(drawn, then, image, body_mask(image))
+    assert means(other, found).min() > 0.95 and means(other, truth).mean() > 0.96
+
+
+@pytest.mark.slow
+def test_stacks_are_bent():
+    today, then, drawn = visits(5.0, (48, 48, 6), (2.5, 2.5, 6.0))
+    found = bend_labels(drawn, then, today.anatomy, body_mask(today.anatomy))
+    before, after = (means(one, today.truth) for one in (drawn, found))
+    assert before.mean() < 0.88
+    assert after.mean() > 0.93 and after.min() > 0.86
+
+
+@pytest.mark.slow
+def test_segment_bends_the_reference(tmp_path):
+    today, then, drawn = visits()
+    files = {"now": today.anatomy, "then": then, "old": drawn, "truth": today.truth}
+    save(tmp_path, then.affine, **{name: one_slice(one) for name, one in files.items()})
+    keys = {"anatomy": "now.nii.gz", "regions": 2, "phase": "dark", "split": "nearest",
+            "reference": "old.nii.gz", "truth": "truth.nii.gz", "margin": 0}  # fmt: skip
+
+    def run(**more):
+        bias = {"method": "auto"}
+        return segmented(tmp_path, image={**keys, **more}, bias=bias)["segmentation"]
+
+    lies, bent = (
+        [score["dice"] for score in run(**more)["scores"].values()]
+        for more in ({}, {"reference_anatomy": "then.nii.gz"})
+    )
+    assert np.mean(bent) > np.mean(lies) + 0.05
+    assert read_labels(tmp_path / "out" / "segmentation.nii.gz").data.shape == (96, 96, 1)
+    # the earlier image shows more, and a label that is not in this one
+    then, drawn = one_slice(then), one_slice(drawn)
+    wide = ((20, 0), (0, 0), (0, 0))
+    affine = then.affine.copy()
+    affine[:3, 3] -= 20 * affine[:3, 0]
+    beyond = np.pad(drawn.data, wide)
+    beyond[:5, 40:50] = 9
+    save(tmp_path, affine, then=np.pad(then.data, wide), old=beyond)
+    summary = run(reference_anatomy="then.nii.gz")
+    assert any("nothing is left of label 9" in text for text in summary["warnings"])
+    with pytest.raises(InputError, match="image.reference_anatomy: needs reference beside it"):
+        keys = {"anatomy": "now.nii.gz"}
+        run(reference_anatomy="then.nii.gz")
+
+
+def test_what_cannot_be_bent_is_refused(monkeypatch):
+    today, then, drawn = visits()
+    image = one_slice(today.anatomy)
+    refuses("must be one parallel to it", bend_labels, drawn, then, image, body_mask(image))
+    few = "it takes 4 slices or more, or single ones"
+    refuses(few, bend_labels, drawn, then, today.anatomy, body_mask(today.anatomy))
+    today, then, drawn = visits(0.0, (48, 48, 6), (2.5, 2.5, 6.0))
+    image, body = today.anatomy, body_mask(today.anatomy)
+    far = affine_of(then.spacing, then.affine[:3, 3] + 500.0)
+    labels = Labels(drawn.data, far)
+    refuses("same part of the body", bend_labels, labels, Image(then.data, far), image, body)
+    monkeypatch.setitem(sys.modules, "SimpleITK", None)
+    refuses(r"myork\[seg\]", bend_labels, drawn, then, image, body, kind=InstallationError)

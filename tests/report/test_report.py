@@ -1,10 +1,12 @@
-"""The report: complete, self-contained, honest about gaps, figures in the right place."""
+"""The report: complete, self-contained, honest about gaps, figures and surfaces in their place."""
 
 import base64
 import json
 import re
+import shutil
 from collections.abc import Callable
 from dataclasses import replace
+from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +16,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from benchmarks.truths.scanners import reordered
+from benchmarks.voxel_bodies import BODIES, body_cloud
+from myork.core.scene import Scene
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import bodies, make_report
@@ -21,13 +25,183 @@ from myork.report.figures import Series, probe_figure, rom_series
 from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
 from myork.report.sources import Deformation
+from myork.report.sweep_page import Column, trend_figure
 from myork.report.tables import probe_table
+from myork.stations.solve import run_deck
 from myork.summary import printed
-from tests.images import affine_of
-from tests.report.pages import Page, change_summary, grid, lattice_of
-from tests.scenes import refuses
+from myork.types import F64, I32
+from tests.images import affine_of, save
+from tests.scenes import RUBBER, annulus, box, held, probes, refuses, scene
 
-UNITS = {"length": "cm", "stress": "N/cm^2"}
+VOID = {"meta", "img", "br"}
+
+
+class Page(HTMLParser):
+    """Checks that tags are closed in order; collects what the tests ask for."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.images: list[dict[str, str | None]] = []
+        self.sections: list[str] = []
+        self.targets: list[str] = []
+        self.text = ""
+        self.source = path.read_text(encoding="utf-8")
+        self.feed(self.source)
+        assert self.open == [], "tags left open"
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        found = dict(attrs)
+        if tag not in VOID:
+            self.open.append(tag)
+        if tag == "img":
+            self.images.append(found)
+        if tag == "section":
+            self.sections.append(str(found["id"]))
+        if tag == "a":
+            self.targets.append(str(found["href"]))
+        assert tag not in {"script", "link", "iframe"}, "nothing is loaded from elsewhere"
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] != ["style"]:
+            self.text += data
+
+
+def change_summary(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    path = folder / "summary.json"
+    content = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+
+
+def grid(*source: int, size: Any = None, ring: bool = False) -> tuple[F64, I32]:
+    """Points in space and surface of a box, of unit cells by default, or of a quarter ring."""
+    n = len(source)
+    geometry = box(*source, size=size or [k - 1.0 for k in source], places=source)
+    if ring:
+        geometry = annulus(*source, radii=(1, 2), places=source)
+    tables = scene(
+        "rkcm", geometry, material=[RUBBER], boundary=[held("x0", n)],
+        approximation={"order": 2, "support": 3.0},
+    )  # fmt: skip
+    with Scene.from_tables(tables) as opened:
+        return np.pad(opened.points(), ((0, 0), (0, 3 - n))), opened.surface()
+
+
+def lattice_of(points: F64) -> I32:
+    """Place of each point of a block, shape `(n, 3)`."""
+    places = [np.unique(np.round(axis, 9), return_inverse=True)[1] for axis in points.T]
+    return np.stack(places, axis=1).astype(np.int32)
+
+
+# ---- a folder with everything a report can show; the numbers of its summary are made up ----------
+
+STEPS = 10
+UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
+
+
+@pytest.fixture(scope="session")
+def solved_block(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A solved block that is twisted and shortened."""
+    out = tmp_path_factory.mktemp("block")
+    turn = {"u_z": -0.3, "rotation": 30, "axis": [0, 0, 1], "about": [0.5, 0.5, 2]}
+    tables = scene(
+        "rkpm-gauss", box(4, 4, 7, size=[1, 1, 2]), material=[RUBBER], load={"steps": 4},
+        boundary=[held("z0"), {"set": "z1", **turn}],
+    )  # fmt: skip
+    run_deck(tables, out, threads=1, error=False)
+    return out
+
+
+@pytest.fixture
+def folder(tmp_path: Path, solved_block: Path) -> Path:
+    """A converged demo: segmentation, full solution and reduced models."""
+    write_segmentation(tmp_path)
+    shutil.copy(solved_block / "results.vtkhdf", tmp_path)
+    (tmp_path / "summary.json").write_text(json.dumps(summary()))
+    return tmp_path
+
+
+def summary() -> dict[str, Any]:
+    loads = np.arange(1, STEPS + 1) / STEPS
+    force = -4.5 * loads / (0.5 + loads)
+    places, reference = [0.2, 0.5, 1.0], [-1.05, -2.14, -3.02]
+    values = np.interp(places, loads, force)
+    return {
+        "title": "Muscle block, fibers inclined 30° <test>", "deck_sha256": "9f" * 32,
+        "version": "0.1.0", "units": UNITS, "method": "rkcm", "dimension": 3,
+        "solver": {"asked": "auto", "used": "refined", "why": "no matrix in memory",
+                   "backward_error": 3e-13, "reciprocal_condition": 2.7e-7},
+        "source_points": 1377, "collocation_points": 9537, "dofs": 4131, "rows": 36411,
+        "threads": 2, "converged": True,
+        "verdict": {"state": "accepted", "reasons": ["no error estimate: none was wanted"]},
+        "force_imbalance": 2e-13, "overrides": ["load.steps=10"],
+        "probe_units": {"reaction": "N", "stress_zz": "N/cm^2", "tip": "cm"},
+        "steps": [
+            {
+                "load": load, "activation": 0.3 * load, "iterations": 3,
+                "newton_decrement": 1e-9, "min_J": 0.98, "max_J": 1.02,
+                "probe_errors": {"reaction": 0.015},
+                "probes": {"reaction": pull, "stress_zz": -pull * 1.02,
+                           "tip": [-0.087 * load, 0.001 * load, 0.02 * load**2]},
+            }
+            for load, pull in zip(loads, force, strict=True)
+        ],
+        "deck": {"probe": probes("reaction force_z bottom", "stress_zz cauchy_zz 0.5 0.5 1",
+                                 "tip u 1 0.5 1")},
+        "exact": {"stress_zz": {"value": 3.06, "reference": 3.0617, "relative_error": 5.5e-4}},
+        "reference": {"reaction": {
+            "load": places, "activation": [0.3 * place for place in places],
+            "value": values.tolist(), "reference": reference,
+            "relative_error": (np.abs(values - reference) / 3.02).tolist(),
+            "source": "mesh-converged finite elements",
+        }},
+        "timings_s": {"shape": 0.4, "assemble": 3.1, "solve": 14.2, "output": 0.3, "total": 18.6},
+        "memory_peak_bytes": 1.45e9,
+        "warnings": ["2 islands with 14 voxels are connected to neither end: left out"],
+        "rom": {
+            "snapshots": 20, "pov": (10.0 ** -np.linspace(0.0, 14.0, 20)).tolist(),
+            "full": {"load": loads.tolist(), "probes": {"reaction": force.tolist()}},
+            "models": [
+                {
+                    "kind": kind, "r": r, "points": points,
+                    "e1": e1 * worse, "e2": 4 * e1 * worse, "stress_error": None,
+                    "probes": {"reaction": (force * (1 + e1)).tolist()},
+                    "force_error": 2 * e1 * worse, "offline_s": 2.5,
+                    "online_s_per_state": 0.002 * r * points / 9537,
+                    "speedup_vs_full": 800.0 / r * 9537 / points,
+                }
+                for kind, points, worse in (("galerkin", 9537, 1.0), ("reduced", 300, 3.0))
+                for r, e1 in ((1, 5e-2), (2, 6e-3), (10, 2e-6))
+            ],
+        },
+        "segmentation": {
+            "labels": {"muscle": {"pixels": 40211, "volume": 376.978}},
+            "scores": {"muscle": {"dice": 0.973, "pcc": 0.968}}, "iterations": 120,
+            "energy": (1000.0 * np.exp(-np.arange(30) / 6.0) + 400.0).tolist(),
+        },
+    }  # fmt: skip
+
+
+def write_segmentation(folder: Path) -> None:
+    """A conical muscle in a bright calf, its voxel axes left, posterior, superior."""
+    shape, spacing = (64, 60, 15), np.array([1.5, 1.5, 6.0])
+    i, j, k = np.indices(shape)
+    x, y = (i - 34) * spacing[0], (j - 28) * spacing[1]
+    muscle = (x**2 / 1.6 + y**2 < (22 - 0.8 * k) ** 2) & (k > 1) & (k < 14)
+    image = 200.0 * ((x**2 + y**2) < 40**2) - 130.0 * muscle
+    image += np.random.default_rng(1).normal(0.0, 8.0, shape)
+    fibers = np.where(muscle[..., None], [0.35, 0.2, 0.915], 0.0)
+    affine = affine_of(spacing * [-1, -1, 1])
+    labels = Labels(muscle.astype(np.int32), affine, {1: "muscle"})
+    save(folder, affine, segmentation=labels, anatomy=image, fibers=fibers)
+
+
+# ---- pages ---------------------------------------------------------------------------------------
+
 SECTIONS = ("images", "deformation", "planes", "probes", "rom", "run")
 
 
@@ -357,3 +531,118 @@ def test_a_single_slice_is_one_picture() -> None:
     fibers = Image(coronal[..., None] * [0, 0, 1.0], np.eye(4))
     drawn = slice_figure(Labels(coronal, np.eye(4)), None, fibers)
     assert len(drawn.axes[3].collections[-1].V) > 0
+
+
+# ---- surfaces that the core makes of lattices ----------------------------------------------------
+
+
+def volume(points: F64, triangles: I32) -> float:
+    """By the divergence theorem: positive where triangles look outwards."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def areas(points: F64, triangles: I32) -> F64:
+    """Areas of plane triangles: positive where they turn counter-clockwise."""
+    a, b, c = (points[triangles[:, k]] for k in range(3))
+    u, v = b - a, c - a
+    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+
+def is_closed(triangles: I32) -> bool:
+    """Each edge belongs to two triangles, or to four where the surface touches itself."""
+    edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
+    return bool((np.unique(edges, axis=0, return_counts=True)[1] % 2 == 0).all())
+
+
+def test_the_surface_of_a_block() -> None:
+    points, triangles = grid(5, 4, 6)
+    assert is_closed(triangles)
+    assert volume(points, triangles) == pytest.approx(60.0, rel=1e-12)
+    # no triangle lies inside, and no point of the surface is hidden
+    on = (points == points.min(axis=0)) | (points == points.max(axis=0))
+    assert on[triangles].all(axis=1).any(axis=1).all()
+    assert len(np.unique(triangles)) == on.any(axis=1).sum()
+
+
+def test_the_surface_of_plane_bodies() -> None:
+    assert areas(*grid(5, 3)) == pytest.approx(np.full(16, 0.5), rel=1e-12)
+    ring = areas(*grid(9, 33, ring=True))
+    assert ring.min() > 0.0 and ring.sum() == pytest.approx(0.75 * np.pi, rel=1e-3)
+
+
+@pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
+def test_the_surface_of_voxels(body) -> None:
+    """Slopes in place of stairs: closed, with every point of the surface, little lost."""
+    cloud = body_cloud(body, body.sizes[0])
+    with Scene.from_tables(dict(body.tables), cloud) as scene:
+        points, triangles = scene.points(), scene.surface()
+    assert is_closed(triangles)
+    assert set(cloud.boundary_point) == set(triangles.ravel())
+    assert volume(points, triangles) == pytest.approx(cloud.volume.sum(), rel=0.05)
+
+
+@pytest.mark.slow
+def test_without_a_lattice_there_is_no_surface() -> None:
+    body = BODIES[0]
+    cloud = replace(body_cloud(body, body.sizes[0]), voxels=None)
+    tables = {**body.tables, "scene": {"dimension": 3, "method": "rkcm"}}
+    with Scene.from_tables(tables, cloud) as scene:
+        assert scene.surface().shape == (0, 3)
+
+
+# ---- pages of sweeps -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def swept(tmp_path: Path) -> Path:
+    """Thirty points of three keys, of which one does nothing; one failed, one is not solved."""
+    folder = tmp_path / "swept"
+    folder.mkdir()
+    rng = np.random.default_rng(4)
+    points = [[float(x) for x in row] for row in rng.uniform([20, 0, 1], [40, 30, 2], (31, 3))]
+    head = {"deck": "9f", "keys": ["m.sigma_max", "m.fiber_angle", "m.K"], "points": points}
+    lines = [json.dumps({"sweep": {**head, "model": None}})]
+    for k, (sigma, angle, _) in enumerate(points[:30]):
+        row: dict[str, Any] = {"point": k, "verdict": "accepted", "message": "", "cpu_s": 2.0}
+        force = -2.0 * sigma + 0.1 * angle + 0.005 * sigma * angle
+        row |= {"probes": {"force": force}, "errors": {"force": 0.5}}
+        if k == 7:
+            row |= {"probes": {}, "errors": {}, "verdict": "failed", "message": "J below <0>"}
+        lines.append(json.dumps(row))
+    (folder / "points.jsonl").write_text("\n".join(lines) + '\n{"point": 30, "pro')
+    (folder / "sweep.json").write_text('{"title": "Block", "units": {"force": "N"}}')
+    return folder
+
+
+@pytest.mark.slow
+def test_sweep_page(swept: Path, open_page: Callable[[str], Any]) -> None:
+    path = make_report(swept)
+    page = Page(path)
+    assert page.sections == ["trends", "failures", "points"]
+    for wanted in (
+        "Sweep: Block", "29 accepted", "1 failed", "1 to do", "31 points by full solutions",
+        "m.sigma_max from", "60.0 CPU s in all, 2.00 s per point", "J below <0>", "force [N]",
+    ):  # fmt: skip
+        assert wanted in page.text, wanted
+    assert len(page.images) == 1
+    shown = open_page(path.as_uri())
+    assert shown.evaluate("[...document.images].every(i => i.complete && i.naturalWidth > 100)")
+
+
+def test_words_stand_side_by_side() -> None:
+    key = Column("method", "", ["rkcm", "rkpm-gauss", "rkcm"], [])
+    probe = Column("force", "N", [1.0, 2.0, 1.1], [0.1, np.nan, 0.1])
+    axes = trend_figure([key], probe, ["accepted", "doubtful", "accepted"]).axes[0]
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["rkcm", "rkpm-gauss"]
+
+
+def test_damaged_sweeps_are_refused_by_name(swept: Path) -> None:
+    file = swept / "points.jsonl"
+    first = file.read_text().splitlines()[0]
+    for text in ("", "{}", '{"sweep": {"keys": 3}}', "[]"):
+        file.write_text(text)
+        with pytest.raises(FileError, match=r"points\.jsonl: is not a table written by"):
+            make_report(swept)
+    file.write_text(first + "\n")
+    refuses("no point is finished", make_report, swept, kind=FileError)

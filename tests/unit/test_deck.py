@@ -4,13 +4,13 @@ All checks are the compiled reader's; tomllib and hashlib are the independent wi
 """
 
 import hashlib
-import importlib.util
 import itertools
 import json
 import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from types import ModuleType
+from runpy import run_path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -266,21 +266,13 @@ WRONG = [
     ("K = 4e3", "K = 1\nk_bulk = 1", "material.fat.k_bulk: unknown key; known keys are: name,"),
     ("[load]", "[loads]", "loads: unknown table; did you mean 'load'?"),
     ('title = "block"', 'title = "b"\nK = 1', "K: unknown key; 'K' belongs to [[material]]"),
-    # types
-    ("steps = 4", "steps = 4.0", "load.steps: must be an integer, not 4.0"),
+    # texts and numbers that no type forbids
     ('name = "fat"', 'name = " "', "material.2.name: must not be empty"),
-    # ranges
     ("K = 5000", "K = nan", "material.muscle.K: must be a positive number or inf, not nan"),
     ("label = 2", "label = 3000000000", "material.fat.label: must be below 2147483648 in size"),
-    # choices
-    ('weight_essential = "c4"', 'weight_essential = "c5"', "solver.weight_essential: must be "),
-    # lengths
-    ("size = [1, 1, 2]", "size = [1, 2]", "geometry.size: must have 3 items (scene.dimension"),
     # where other keys decide
-    ("K = 4e3", "K = 1\ngamma1 = 1", "material.fat.gamma1: only for model = muscle; here mod"),
     ('set = "z1"', 'set = "z0"', "boundary.z0.set: the text 'z0' is already used by case.t"),
     ("label = 2", "label = 1", "material.fat.label: 1 is already used by case.toml:14"),
-    ("fiber = [0, 0, 1]", "fiber = [0, 0, 1]\nfiber_angle = 3", "material.muscle.fiber_angle: "),
     ("u_x = 0", "u_x = 0\npull = 1", "boundary.z0.pull: needs tendon beside it"),
     # what is missing
     ('[units]\nforce = "N"\nlength = "cm"', "", "units: missing, the table [units] is needed"),
@@ -308,9 +300,6 @@ def test_wrong_line(write: Write, old: str, new: str, message: str) -> None:
 
 
 @pytest.mark.parametrize(("changes", "message"), [
-    ({'quantity = "force"': 'quantity = "J"'}, "or u_x or u_y or u_z; here quantity = J"),
-    ({"point = [0.5, 0.5, 1]": 'point = [0.5, 0.5, 1]\nset = "z0"'},
-     "probe.mid.set: only for quantity = force or force_x or force_y or force_z or torque_x o"),
     ({'[[exact]]\nprobe = "mid"': '[[exact]]\nprobe = "pull"'},
      "exact.probe: 'pull' is of force, which a homogeneous solution does not give"),
     ({'[[reference]]\nprobe = "mid"': '[[reference]]\nprobe = "pull"'},
@@ -427,16 +416,12 @@ SCHEMA = ROOT / "fortran" / "deck" / "schema.toml"
 
 
 @pytest.fixture(scope="module")
-def pages() -> ModuleType:
+def pages() -> SimpleNamespace:
     """docs/reference.py, which reads the schema."""
-    spec = importlib.util.spec_from_file_location("reference", ROOT / "docs" / "reference.py")
-    assert spec is not None and spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    return module
+    return SimpleNamespace(**run_path(str(ROOT / "docs" / "reference.py")))
 
 
-def test_deck_reference_is_current(pages: ModuleType) -> None:
+def test_deck_reference_is_current(pages: SimpleNamespace) -> None:
     written = (ROOT / "docs" / "decks.md").read_text(encoding="utf-8")
     text = pages.reference(pages.read_schema(SCHEMA))
     assert written == text, "run python docs/reference.py"
@@ -525,7 +510,7 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
                 yield key, there, f"{value} is only (for|without)"
 
 
-def test_every_declaration_is_enforced(pages: ModuleType) -> None:
+def test_every_declaration_is_enforced(pages: SimpleNamespace) -> None:
     """Types, ranges, choices, lengths and conditions of all keys: each is broken once."""
     schema = pages.read_schema(SCHEMA)
     count, wrong = 0, []
@@ -543,7 +528,7 @@ def test_every_declaration_is_enforced(pages: ModuleType) -> None:
     assert count > 400 and not wrong
 
 
-def test_keys_that_are_no_more_are_refused_with_what_to_do(pages: ModuleType) -> None:
+def test_keys_that_are_no_more_are_refused_with_what_to_do(pages: SimpleNamespace) -> None:
     schema = pages.read_schema(SCHEMA)
     gone = [(name, *one) for name, table in schema.items() for one in table["instead"].items()]
     assert len(gone) > 20
@@ -553,7 +538,7 @@ def test_keys_that_are_no_more_are_refused_with_what_to_do(pages: ModuleType) ->
         assert f"unknown {'key' if name else 'table'}; {advice}" in said, (name, key)
 
 
-def test_every_table_has_an_example_with_known_keys(pages: ModuleType) -> None:
+def test_every_table_has_an_example_with_known_keys(pages: SimpleNamespace) -> None:
     """A deck of inputs/ that has it, which the tests read, or lines of the schema."""
     for name, table in pages.read_schema(SCHEMA).items():
         if "example" in table:

@@ -210,11 +210,8 @@ def probed(*point: float) -> dict[str, Any]:
     (ended(u_x=1, set="top"), 'set = "top"', f"boundary.top.set: 'top' {SIDES}"),
     (probed(2, 0, 0), "point = [2, 0, 0]", "probe.mid.point: (2, 0, 0) lies outside "),
     (probed(0, 0, -0.1), "point = [0, 0, -0.1]", "probe.mid.point: (0, 0, -0.1) lies out"),
-    (
-        {"material": [BARE]},
-        "[[material]]",
-        "material.muscle.fiber: missing, collocation point 1 ",
-    ),
+    ({"material": [BARE]}, "[[material]]", "material.muscle.fiber: missing, collocation point 1 "),
+    ({"approximation": {"order": 2, "support": 1.05}}, "[geometry]", "point 1 at (0, 0, 0): si"),
 ])  # fmt: skip
 def test_wrong_line(write_deck: Write, change: dict[str, Any], line: str, message: str) -> None:
     """One complaint, at its line."""
@@ -247,9 +244,6 @@ def test_a_body_that_nothing_holds(write_deck: Write) -> None:
 def test_annulus(inputs: Path) -> None:
     for override, message in {
         "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
-        "boundary.inner.u_x=1": "cannot be combined with u_x",
-        "scene.dimension=3": "annulus is only for scene.dimension = 2; here scene.dimension = 3",
-        "probe.radial_stress.quantity=u_z": "u_z is only for scene.dimension = 3; here ",
         "probe.radial_stress.point=[1,1]": "probe.radial_stress.point: (1, 1) lies outside the ann",
         "probe.radial_stress.point=[-0.1,7]": "(-0.1, 7) lies outside the annulus",
         "boundary.x0.set=z0": "'z0' is not a side of this annulus; there are inner, outer, x0",

@@ -44,10 +44,6 @@ def dense(shape, nsource):
     ])  # fmt: skip
 
 
-def monomials(ndim, order):
-    return [p for p in itertools.product(range(order + 1), repeat=ndim) if sum(p) <= order]
-
-
 def derivative(x, powers, along=()):
     """Derivative of a monomial along the coordinates listed."""
     powers, factor = np.array(powers), 1.0
@@ -61,7 +57,8 @@ def assert_reproduces(source, support, place, spacing, order, tolerance=1e-11, *
     ndim = source.shape[1]
     full = dense(shape_functions(source, support, place, order=order, **choice), len(source))
     kinds = [()] + [(i,) for i in range(ndim)] + SECOND[ndim]
-    for powers in monomials(ndim, order):
+    products = itertools.product(range(order + 1), repeat=ndim)
+    for powers in (powers for powers in products if sum(powers) <= order):
         nodal = derivative(source, powers)
         for q, along in enumerate(kinds):
             error = (full[q] @ nodal - derivative(place, powers, along)) * spacing ** len(along)

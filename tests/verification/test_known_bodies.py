@@ -4,6 +4,7 @@ Truths are finite elements of the true shape and the boundary value problem of t
 (`benchmarks/truths/tubes.py`), which is the same at every angle.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -141,25 +142,15 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
         assert bar < 0.05 * abs(truth), f"{name}: bar of {bar / abs(truth):.1%}"
 
 
-@pytest.mark.parametrize(("tube", "source", "bound"), [
-    (TUBE, [5, 26], 3e-5), (STIFF, [5, 26], 3e-5), ((1.0, 3.0, 0.7, 1e3), [9, 17], 3e-5),
-    ((10.0, 11.0, 2.0, 1e4), [5, 51], 5e-6),
+@pytest.mark.parametrize(("tube", "bound"), [
+    (TUBE, 3e-5), (STIFF, 3e-5), ((6.0, 8.0, 6.0, 20.0), 3e-5), ((1.0, 3.0, 0.7, 1e3), 3e-4),
+    ((10.0, 11.0, 2.0, 1e4), 5e-6),
 ])  # fmt: skip
-def test_force_of_few_points(tube, source, bound):
-    """The cut carries the pressure on the bore. From a motion of the cut alone, which jumps
-    where it meets the bore, the errors are 3 to 7 times larger.
+def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube, bound) -> None:
+    """The cut carries the pressure on the bore. Where they meet tractions are of order two over a
+    length of one spacing; from a motion of the cut alone, which jumps there, errors of few points
+    are 3 to 7 times larger.
     """
-    tables = sized_tables(tube_deck(*tube), source)
-    tables["probe"] = [force("force", "x", "x0")]
-    exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
-    assert solved(tables).last()["force"] == pytest.approx(exact, rel=bound)
-
-
-@pytest.mark.parametrize(
-    "tube", [TUBE, (6.0, 8.0, 6.0, 20.0), (1.0, 3.0, 0.7, 1e3), (10.0, 11.0, 3.0, 1e3)]
-)
-def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube) -> None:
-    """Where the cut meets the bore tractions are of order two over a length of one spacing."""
     exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
     errors = []
     for source in ([5, 26], [9, 51]):
@@ -168,7 +159,7 @@ def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube) -> N
         found = solved(tables).last()
         assert found["bore"] == pytest.approx(-found["cut"], rel=1e-6)
         errors.append(abs(found["cut"] / exact - 1.0))
-    assert 6.5 < errors[0] / errors[1] < 16.0
+    assert errors[0] < bound and 6.5 < errors[0] / errors[1] < 16.0
 
 
 @pytest.mark.parametrize("essential", ["penalty", "transformation"])
@@ -190,3 +181,23 @@ def test_a_glued_end_bears_what_its_supports_exert() -> None:
     assert truths is not None
     found = solved(sized_tables(problem.tables, [9, 17])).last()
     assert found["s_end"] == pytest.approx(truths.values["s_end"].value, rel=0.02)
+
+
+# ---- decks of inputs/ against stored answers -----------------------------------------------------
+
+#: Value, tolerance and origin of each number; those of this program are changed by hand where a
+#: change of the method moves them
+REFERENCES = Path(__file__).parents[1] / "references"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("file", sorted(REFERENCES.glob("*.json")), ids=lambda file: file.stem)
+def test_deck(file: Path, inputs: Path) -> None:
+    """Probes by name and component, and the iterations of all steps."""
+    reference = json.loads(file.read_text(encoding="utf-8"))
+    answer = solved(inputs / f"{file.stem}.toml", *reference["overrides"])
+    ends = answer.ends() | {"iterations": answer.states.iterations.sum(keepdims=True)}
+    for name, entry in reference["values"].items():
+        probe, _, axis = name.partition(".")
+        found = ends[probe]["xyz".find(axis)]
+        assert found == pytest.approx(entry["value"], rel=0, abs=entry["tolerance"]), name

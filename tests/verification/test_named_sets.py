@@ -1,4 +1,4 @@
-"""Boundary sets that decks name: parts of the surface by side, material, normal or expression."""
+"""Boundary sets and regions of materials that decks name, by side, normal or expression."""
 
 from typing import Any
 
@@ -294,3 +294,33 @@ def test_areas_of_sets_are_written(tmp_path):
     summary = run_deck(tables, tmp_path, error=False)
     sizes = {own["name"]: own["area"] for own in summary["sets"]}
     assert sizes == pytest.approx({"pad": 0.7, "end": 1.0}, rel=2e-3)
+
+
+# ---- which material lies where -------------------------------------------------------------------
+
+OAK = neo(4.0, 8 / 3, "oak")
+
+
+def pulled(*material: dict[str, Any]) -> dict[str, Any]:
+    """A strip that is pulled with a stress of 1e-4 along x."""
+    body, end = box(21, 5, size=[1, 0.2]), {"traction": [1e-4, 0]}
+    load = {"steps": 1}
+    return scenes.loaded("rkpm-gauss", body, material, "x0 x1", end, "end u_x 1 0.1", load=load)
+
+
+def test_the_later_material_fills_what_two_hold() -> None:
+    one = last(pulled(CORK, OAK | {"where": "x > 0.5"}))
+    two = last(pulled(OAK, CORK | {"where": "x <= 0.5 and r >= 0"}))
+    assert two == pytest.approx(one, rel=1e-9)
+
+
+@pytest.mark.parametrize(("tables", "what"), [
+    (pulled(CORK | {"where": "x < 0.5"}), "material.cork.where: no material is given at"),
+    (pulled(CORK, OAK), "material.cork.label: missing"),
+    (pulled(CORK, OAK | {"where": "x > 2"}), "material.oak.where: no point lies there"),
+    (pulled(CORK, OAK | {"where": "x > q"}), "material.oak.where: 'x > q' is not an expressio"),
+    (pulled(CORK | {"where": "x < 1"}, OAK), "material.oak.where: missing: only the first"),
+    (pulled(CORK | {"label": 1}, OAK | {"where": "x < 1"}), "material.cork.label: cannot be given"),
+])  # fmt: skip
+def test_materials_that_cannot_be(tables: dict[str, Any], what: str) -> None:
+    assert what in refused(tables)

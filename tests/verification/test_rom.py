@@ -245,19 +245,14 @@ def test_an_error_that_is_not_a_number_is_not_zero() -> None:
 # ---- which states are snapshots ------------------------------------------------------------------
 
 
-def chosen(change: dict, tmp_path: Path) -> dict:
-    """Study of a block of rubber in six steps."""
-    rom = {"modes": [1], **change}
-    return myork.run_rom({**RUBBER, "load": {"steps": 6}, "rom": rom}, tmp_path, threads=1)
-
-
 @pytest.mark.parametrize(("change", "message"), [
     ({"modes": [7]}, r"7 modes are requested, but 6 load steps give at most 6"),
     ({"steps": [2, 4]}, r"rom.steps: unknown key; all load steps are snapshots"),
     ({"projection": "galerkin"}, r"rom.projection: unknown key"),
 ])  # fmt: skip
 def test_impossible_snapshots_are_refused_before_a_solve(change, message, tmp_path) -> None:
-    refuses(message, chosen, change, tmp_path)
+    tables = {**RUBBER, "load": {"steps": 6}, "rom": {"modes": [1], **change}}
+    refuses(message, myork.run_rom, tables, tmp_path)
     summary = tmp_path / "summary.json"
     assert not summary.exists() or "rom" not in json.loads(summary.read_text())
 

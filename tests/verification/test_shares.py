@@ -18,20 +18,7 @@ from myork.bench.materials import RUBBER
 from myork.model_file import read_model, write_model
 from myork.records import PointCloud, Voxels
 from tests import scenes
-from tests.scenes import (
-    PLANES,
-    annulus,
-    box,
-    gripped,
-    held,
-    neo,
-    probes,
-    refuses,
-    scene,
-    slip,
-    solved,
-    voxels,
-)
+from tests.scenes import box, gripped, held, neo, probes, scene, slip, solved, voxels
 
 TWO = {"source_stride": [2] * 3, "collocation_stride": [2] * 3}
 GALERKIN = pytest.mark.parametrize("method", ["rkpm-scni", "rkpm-gauss"])
@@ -272,7 +259,8 @@ def test_tangent_where_only_a_part_has_fibers(open_plates):
 
 
 def test_strong_forms_refuse_fibers_that_jump(open_plates):
-    refuses("interface_fibers: only for .* rkpm-gauss; here", open_plates, "own", method="rkcm")
+    said = "interface_fibers: only for .* rkpm-gauss; here"
+    scenes.refuses(said, open_plates, "own", method="rkcm")
 
 
 def squeezed(bulk, layers):
@@ -616,12 +604,12 @@ def test_rings_of_several_materials_have_kinks_along_the_radius(radii, mu):
     laws = [(m, 10.0 * m) for m in mu]
     beside = radii[1] + np.array([-0.02, 0.02])
     tables = scene(
-        "rkpm-gauss", annulus(13, 33, radii=(radii[0], radii[-1]), places=False),
+        "rkpm-gauss", scenes.annulus(13, 33, radii=(radii[0], radii[-1]), places=False),
         material=[
             neo(*law, f"m{k}", **({"where": f"r > {radii[k]}"} if k else {}))
             for k, law in enumerate(laws)
         ],
-        boundary=[*PLANES[:2], {"set": "inner", "pressure": 1e-5}],
+        boundary=[*scenes.PLANES[:2], {"set": "inner", "pressure": 1e-5}],
         probe=probes(
             f"u u_x {radii[0]} 0", *(f"s{k} cauchy_yy {r} 0" for k, r in enumerate(beside))
         ),

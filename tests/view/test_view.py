@@ -406,10 +406,8 @@ def test_a_body_too_large_for_a_page(trained: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(still, "MOST_BYTES", 20_000)
     found = still.sample(trained)
     assert found["held"]["stops"] == 5 and len(found["held"]["states"]) == 25
-    assert [p["key"] for p in found["about"]["parameters"]] == [
-        "load.activation",
-        "boundary.z1.u_z",
-    ]
+    keys = [parameter["key"] for parameter in found["about"]["parameters"]]
+    assert keys == ["load.activation", "boundary.z1.u_z"]
     assert found["held"]["fixed"] == {"material.muscle.sigma_max": 30.0}
     monkeypatch.setattr(still, "MOST_BYTES", 1_500)
     refuses("has 42 corners: three states are larger than the 0.001", still.sample, trained)

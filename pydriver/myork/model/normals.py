@@ -10,7 +10,7 @@ from scipy import ndimage
 from myork.types import F64, Index, Mask
 
 # Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
-# normals, more rounds off thin bodies (see tests/imaging/test_normals.py).
+# normals, more rounds off thin bodies (see tests/imaging/test_points.py).
 _SMOOTHING = 2.5
 # Layers by which the cut ends are continued, so that they do not bend the normals beside them.
 _LAYERS = 10
