@@ -85,6 +85,7 @@ TABLES = {
     "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
+    "scaling": ("scaling",),
     "shading_fields": ("shading_fields", "shading_doubts"),
     "sizes": ("sizes",),
     "tissues": ("tissues",),
@@ -98,6 +99,7 @@ PAGES = {
     "forms": "Settings of the forms",
     "images": "Images: both halves of the cases",
     "large_leg": "A leg of many points",
+    "scaling": "Threads",
     "sizes": "Cost against size",
     "trained": "Trained reduced models",
 }

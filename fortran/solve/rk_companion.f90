@@ -314,7 +314,8 @@ subroutine choose_companion(self, scene, deck, words)
    ! with more points both ways come too near each other, and a search from points that were given
    ! would pay for what its answer lacks; in space only few cells agree by chance, and bars of more
    ! would double; few points in a narrow set of one's own hold too little
-   if (can_hold(scene) .and. (scene%cloud%nd == 2 .or. self%coarse) .and. .not. (holds_part(scene) &
+   if (can_hold(scene) .and. (scene%cloud%nd == 2 .or. self%coarse .and. all(other < source)) &
+      & .and. .not. (holds_part(scene) &
       & .or. self%kind == more_points .or. deck%has('refine'))) &
       & words = [character(len=override_length) :: words, exactly]
 end subroutine choose_companion

@@ -139,7 +139,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    end if
    ! a diagonal for all
    call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(csr_type( &
-      & [(int(k, i8), k=0, ns)], [(k, k=1, ns)]), surface%plates%coupled(surface%shape%neighbour)))
+      & [(int(k, i8), k=0, ns)], [(k, k=1, ns)]), surface%coupled()))
    call new_group_stiffness(self%groups, cells, shear)
    call new_carried_pressure(self%pressures, 1 + gradient%nd, size(self%groups%bulk))
    call new_preconditioner(self%preconditioner, scene, cells, surface, inside, shear, error)

@@ -3,10 +3,11 @@
 module rk_weak_conditions
    use rk_cells, only : cells_type
    use rk_conditions, only : conditions_at
+   use rk_csr, only : csr_type
    use rk_error, only : error_type
    use rk_neighbours, only : nearest_points
    use rk_plates, only : new_plates, plates_type
-   use rk_precision, only : wp
+   use rk_precision, only : i8, wp
    use rk_programme, only : combined, ramp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
@@ -48,7 +49,7 @@ module rk_weak_conditions
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
-      procedure :: set_varying, set_penalty, add_penalty, add_forces, add_push, held_energy
+      procedure :: set_varying, set_penalty, coupled, add_penalty, add_forces, add_push, held_energy
       procedure :: force => set_force, pressure_force, gradient_at, held_at, held_force
    end type surface_type
 
@@ -248,6 +249,32 @@ subroutine set_penalty(self, scene, cells, shear)
       self%penalty(s) = merge(0.0_wp, scene%galerkin%penalty, exactly)/spacing*self%area(s)*stiffest
    end do
 end subroutine set_penalty
+
+!> Source points and plates that each surface point couples, none where nothing holds it
+pure function coupled(self) result(list)
+   class(surface_type), intent(in) :: self
+   type(csr_type) :: list
+   type(csr_type) :: all
+   logical :: holds(size(self%penalty))
+   integer(i8) :: n
+   integer :: s
+
+   all = self%plates%coupled(self%shape%neighbour)
+   holds = any(self%essential, dim=1)
+   if (allocated(self%spring)) holds = holds .or. any(self%spring > 0.0_wp, dim=1)
+   if (allocated(self%pressure)) holds = holds .or. any(abs(self%pressure) > 0.0_wp, dim=1)
+   allocate (list%offset, mold=all%offset)
+   list%offset(1) = 0
+   do s = 1, size(holds)
+      n = merge(all%offset(s + 1) - all%offset(s), 0_i8, holds(s))
+      list%offset(s + 1) = list%offset(s) + n
+   end do
+   allocate (list%index(list%offset(size(list%offset))))
+   do s = 1, size(holds)
+      if (holds(s)) list%index(list%offset(s) + 1:list%offset(s + 1)) &
+         & = all%index(all%offset(s) + 1:all%offset(s + 1))
+   end do
+end function coupled
 
 !> Matrix of the penalty and of springs
 subroutine add_penalty(self, matrix, value)
