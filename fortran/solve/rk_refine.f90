@@ -149,7 +149,8 @@ subroutine refine(self, deck, model, receiver, error)
       if (.not. allocated(error)) then
          ! where the load had to be halved, finer points need that as well
          halvings = maxval(run%step%halvings)
-         if (allocated(self%bars)) call bars_by_earlier(bars, self%bars, growth)
+         if (allocated(self%bars)) call bars_by_earlier(bars, scene%cloud%nd == 3, self%bars, &
+            & growth)
          bar = relative(bars, self%wanted)
          worst = maxval(bar)
          ! what voxels leave open no blocks will close
