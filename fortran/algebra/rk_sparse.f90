@@ -20,6 +20,8 @@ module rk_sparse
    !> copies: each would give them back.
    type, extends(factor_type) :: sparse_factor
       type(c_ptr), private :: handle = c_null_ptr
+      !> It is the Cholesky factor of the last matrix that was solved
+      logical :: of_last = .false.
       !> Place of each unknown in the matrix that was factorised, where they have others, shape (n)
       integer, allocatable, private :: position(:)
    contains
@@ -193,6 +195,7 @@ subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error
    stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rcond, &
       & kept%handle)
    call release_threads(threads)
+   kept%of_last = definite .and. stat == 0
    call complain(stat, error)
 end subroutine solve_sparse
 

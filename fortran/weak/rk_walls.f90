@@ -4,6 +4,10 @@
 !> quadratic traction is fitted to them. The derivative of the displacement along the wall is the
 !> prescribed one; that across it puts the stress of the material law in equilibrium with the
 !> traction. Derivatives of the approximation and pressures of groups are far less exact there.
+!>
+!> Where a wall meets a plane of symmetry at a right angle, the traction normal to the plane is an
+!> odd function across it, the other component an even one: what one-sided fits make of forces that
+!> alternate from point to point is an error of first order there.
 module rk_walls
    use rk_cells, only : cells_type
    use rk_conditions, only : conditions_at
@@ -12,6 +16,7 @@ module rk_walls
    use rk_lattice, only : lattice_frame, set_number
    use rk_precision, only : wp
    use rk_scene, only : scene_type
+   use rk_slides, only : slides_on
    use rk_weak_conditions, only : surface_type
    implicit none
    private
@@ -39,6 +44,9 @@ module rk_walls
    real(wp), parameter :: on_side = 1.0e-6_wp
    !> Half the step of difference quotients, in spacings [-]
    real(wp), parameter :: small = 1.0e-4_wp
+   !> Derivatives of prescribed displacements up to which these are even or constant, rounding of
+   !> their difference quotients [-]
+   real(wp), parameter :: level = 1.0e-8_wp
 
 contains
 
@@ -56,7 +64,7 @@ subroutine new_walls(self, scene, cells, surface, error)
    real(wp) :: place(2, size(scene%cloud%points, 2) + size(scene%probe))
    real(wp) :: low(3), step(3)
    real(wp), allocatable :: moment(:, :)
-   integer, allocatable :: own(:), wall(:)
+   integer, allocatable :: own(:), wall(:), odd(:)
    logical :: holds(2, scene%cloud%sides()), on(scene%cloud%sides(), size(scene%cloud%source, 2))
    logical :: here(scene%cloud%sides())
    integer :: i, k, n, side
@@ -83,7 +91,7 @@ subroutine new_walls(self, scene, cells, surface, error)
       allocate (self%normal(3, size(place, 2)), self%share(fit, 2, size(place, 2)), source=0.0_wp)
       allocate (self%node(fit, 2, size(place, 2)), source=1)
       allocate (self%slope(scene%programme%count(), 2, size(place, 2)))
-      allocate (wall(size(place, 2)), source=0)
+      allocate (wall(size(place, 2)), odd(size(place, 2)), source=0)
       n = 0
       do i = 1, size(place, 2)
          k = i - size(cloud%points, 2)
@@ -99,6 +107,8 @@ subroutine new_walls(self, scene, cells, surface, error)
          call set_slope(scene, cells, wall(i), place(:, i), self%normal(:2, n), &
             & self%slope(:, :, n), error)
          if (allocated(error)) return
+         side = findloc(here .and. .not. self%side, .true., dim=1)
+         if (side > 0) odd(i) = mirrored(scene, cells, surface, side, self%slope(:, :, n))
       end do
       do side = 1, size(self%side)
          if (.not. self%side(side)) cycle
@@ -107,9 +117,11 @@ subroutine new_walls(self, scene, cells, surface, error)
             own = own_points(side, k)
             do i = 1, size(wall)
                if (wall(i) /= side) cycle
+               ! an odd traction vanishes
+               if (odd(i) == k) cycle
                n = self%number(i)
                call fit_traction(cloud%source(:, own), moment(:, own), place(:, i), &
-                  & self%normal(:2, n), self%node(:, k, n), self%share(:, k, n))
+                  & self%normal(:2, n), odd(i) > 0, self%node(:, k, n), self%share(:, k, n))
                self%node(:, k, n) = own(self%node(:, k, n))
             end do
          end do
@@ -148,6 +160,30 @@ contains
    end function meets
 
 end subroutine new_walls
+
+!> Component normal to a side beside a wall that is a plane of symmetry of an isotropic body; 0 if
+!> it is none, or what the wall prescribes has a kink there
+pure integer function mirrored(scene, cells, surface, side, slope) result(i)
+   type(scene_type), intent(in) :: scene
+   type(cells_type), intent(in) :: cells
+   type(surface_type), intent(in) :: surface
+   integer, intent(in) :: side
+   !> Derivatives along the wall that each load factor prescribes, shape (factors, 2) [-]
+   real(wp), intent(in) :: slope(:, :)
+   integer :: k, s
+
+   i = 0
+   if (allocated(surface%pressure) .or. allocated(surface%spring)) return
+   if (any([(scene%tissue(k)%material%fibered, k=1, size(scene%tissue))])) return
+   i = slides_on(scene%cloud, surface, cells, side)
+   if (i == 0) return
+   if (any(abs(slope(:, 3 - i)) > level)) i = 0
+   do s = 1, size(cells%set)
+      if (i == 0) return
+      if (cells%set(s) == side .and. (any(abs(surface%value(:, i, s)) > 0.0_wp) &
+         & .or. any(abs(surface%traction(:, :, s)) > 0.0_wp))) i = 0
+   end do
+end function mirrored
 
 !> Outward normal of a side at a place on it
 pure function outward(polar, side, x) result(normal)
@@ -221,11 +257,13 @@ end function moments
 
 !> Weights that give the traction at a place from forces on source points: least squares fit of a
 !> quadratic traction
-subroutine fit_traction(source, moment, x, normal, node, share)
+subroutine fit_traction(source, moment, x, normal, even, node, share)
    !> Source points, and the moments of their shape functions, shape (2, n) and (6, n)
    real(wp), intent(in) :: source(:, :), moment(:, :)
    !> Place and the normal there, shape (2) [length], [-]
    real(wp), intent(in) :: x(:), normal(:)
+   !> The traction is an even function along the wall
+   logical, intent(in) :: even
    !> The nearest ones, and their weights
    integer, intent(out) :: node(:)
    real(wp), intent(out) :: share(:)
@@ -249,6 +287,8 @@ subroutine fit_traction(source, moment, x, normal, node, share)
       end associate
    end do
    m = matmul(transpose(a), a)
+   if (even) m(2, :) = [0.0_wp, 1.0_wp, 0.0_wp]
+   if (even) m(:, 2) = [0.0_wp, 1.0_wp, 0.0_wp]
    ! the first row of the inverse
    share = matmul(a, [m(2, 2)*m(3, 3) - m(2, 3)*m(3, 2), m(1, 3)*m(3, 2) - m(1, 2)*m(3, 3), &
       & m(1, 2)*m(2, 3) - m(1, 3)*m(2, 2)])

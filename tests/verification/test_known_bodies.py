@@ -163,15 +163,15 @@ def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube, boun
 
 
 @pytest.mark.parametrize("essential", ["penalty", "transformation"])
-@pytest.mark.parametrize(("source", "bound"), [([5, 26], 8e-4), ([9, 51], 4e-4)])
+@pytest.mark.parametrize(("source", "bound"), [([5, 26], 5e-4), ([5, 51], 1.5e-4), ([9, 51], 1e-4)])
 def test_the_wall_bears_what_its_supports_exert(source, bound, essential) -> None:
     """From derivatives of the displacement and pressures of groups, the errors at the plane of
-    symmetry are 1.2e-2 and 3.6e-3.
+    symmetry are 1.2e-2 and 3.6e-3 (5x26, 9x51); from one-sided fits there 2.9e-4 (5x51).
     """
     tables = sized_tables(tube_deck(*TUBE), source) | {"galerkin": {"essential": essential}}
     found, exact = solved(tables).last(), wall_stresses(*TUBE)["inner"]
     assert [found["inner x"], found["inner y"]] == pytest.approx([exact] * 2, rel=bound)
-    assert found["inner between"] == pytest.approx(exact, rel=0.6 * bound)
+    assert found["inner between"] == pytest.approx(exact, rel=0.7 * bound)
 
 
 def test_a_glued_end_bears_what_its_supports_exert() -> None:
