@@ -79,7 +79,7 @@ CASES: dict[str, tuple[str, tuple[str, ...]]] = {
             "muscle_block",
             ("scene.method=rkcm", *_BLOCK, f"solver.linear={solver}"),
         )
-        for solver in ("dgels", "dgelsy", "normal", "refined", "spqr", "sparse-normal")
+        for solver in ("dgels", "dgelsy", "normal", "refined", "spqr")
     },
 }
 

@@ -162,7 +162,7 @@ def solvers() -> Rows:
              "approximation.support=3", "load.steps=10", "load.max_halvings=0",
              "solver.max_iterations=1")  # fmt: skip
     dgels = 0.0
-    for name in ("dgels", "auto", "refined", "normal", "sparse-normal"):
+    for name in ("dgels", "auto", "refined", "normal"):
         with TemporaryDirectory() as folder:
             with suppress(ConvergenceError):
                 run_deck(INPUTS / "muscle_block.toml", folder, threads=1, error=False,

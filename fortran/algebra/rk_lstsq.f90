@@ -3,8 +3,8 @@
 !> `dgels` is the yardstick: Householder QR of the dense matrix, `dgelsy` its rank revealing form,
 !> which names what is undetermined. `normal` factorises A^T A, accumulated without A; `refined`
 !> takes that factor as preconditioner of CGLS with products by A: the accuracy of QR at nearly the
-!> cost of Cholesky. `sparse-normal` is the same with CHOLMOD, `spqr` sparse QR. An answer whose
-!> backward error is not at the level of QR is not accepted: the next rung is tried.
+!> cost of Cholesky. `spqr` is sparse QR. An answer whose backward error is not at the level of QR
+!> is not accepted: the next rung is tried.
 !>
 !> The backward error is the smallest of three upper bounds, relative to the Frobenius norm of the
 !> column-scaled matrix: |A^T r|/|r| and |r|/|x| (Stewart), and |P r|/|x| with P the projector on
@@ -23,7 +23,7 @@ module rk_lstsq
    use rk_memory, only : available_bytes
    use rk_operator, only : factor_type, row_operator, shortest, square_report
    use rk_precision, only : wp
-   use rk_sparse, only : sparse_cholesky, sparse_factor, sparse_qr
+   use rk_sparse, only : sparse_factor, sparse_qr
    use rk_text, only : to_text
    implicit none
    private
@@ -31,8 +31,8 @@ module rk_lstsq
    public :: row_operator, lstsq_report, solve_lstsq, solver_names
 
    !> Methods by name
-   character(len=13), parameter :: solver_names(7) = ['auto         ', 'dgels        ', &
-      & 'dgelsy       ', 'normal       ', 'refined      ', 'spqr         ', 'sparse-normal']
+   character(len=7), parameter :: solver_names(6) = ['auto   ', 'dgels  ', 'dgelsy ', &
+      & 'normal ', 'refined', 'spqr   ']
 
    !> Upper triangle of a QR factorisation
    type, extends(factor_type) :: dense_factor
@@ -353,46 +353,28 @@ subroutine solve_normal(op, b, x, report, error)
    !> What was done; `used` says which method is meant
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
-   type(envelope_type) :: dense
-   type(sparse_factor) :: sparse
+   type(envelope_type) :: factor
+   character(len=:), allocatable :: quality
 
-   call op%envelope(dense, error)
+   call op%envelope(factor, error)
    if (allocated(error)) return
-   call dense%equilibrate()
-   call check_columns(op, dense%scale, error)
+   call factor%equilibrate()
+   call check_columns(op, factor%scale, error)
    if (allocated(error)) return
-   if (report%used == 'sparse-normal') then
-      sparse%scale = dense%scale
-      call sparse_cholesky(sparse, dense, error)
-      deallocate (dense%value)
-      if (.not. allocated(error)) call finish(sparse)
-   else
-      report%why = report%why//', normal matrix '//to_text(100.0_wp*dense%share(), 2) &
-         & //' % filled'
-      call dense%factorise(error)
-      if (.not. allocated(error)) call finish(dense)
-   end if
-
-contains
-
-   subroutine finish(factor)
-      class(factor_type), intent(in) :: factor
-      character(len=:), allocatable :: quality
-
-      call check_rank(op, factor, report%rcond, error)
-      if (allocated(error)) return
-      call semi_normal(op, b, factor, x)
-      if (report%used == 'normal') then
-         call judge(op, b, x, factor, report)
-         if (report%accepted) return
-         call get_quality(report, quality)
-         report%why = 'normal '//quality
-         report%used = 'refined'
-      end if
-      call refine(op, b, factor, max_refinement, x, report%iterations)
+   report%why = report%why//', normal matrix '//to_text(100.0_wp*factor%share(), 2)//' % filled'
+   call factor%factorise(error)
+   if (.not. allocated(error)) call check_rank(op, factor, report%rcond, error)
+   if (allocated(error)) return
+   call semi_normal(op, b, factor, x)
+   if (report%used == 'normal') then
       call judge(op, b, x, factor, report)
-   end subroutine finish
-
+      if (report%accepted) return
+      call get_quality(report, quality)
+      report%why = 'normal '//quality
+      report%used = 'refined'
+   end if
+   call refine(op, b, factor, max_refinement, x, report%iterations)
+   call judge(op, b, x, factor, report)
 end subroutine solve_normal
 
 subroutine solve(self, x)

@@ -5,7 +5,6 @@
 module rk_sparse
    use, intrinsic :: iso_c_binding, only : c_associated, c_double, c_int, c_int64_t, c_null_ptr, &
       & c_ptr
-   use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_linalg, err_memory
    use rk_operator, only : factor_type, row_operator
    use rk_precision, only : i8, wp
@@ -13,7 +12,7 @@ module rk_sparse
    implicit none
    private
 
-   public :: sparse_factor, sparse_cholesky, sparse_qr, solve_sparse, factor_upper
+   public :: sparse_factor, sparse_qr, solve_sparse, factor_upper
 
    !> A factor held by SuiteSparse, with what factorisations of matrices with the same places of
    !> entries have in common: the order of elimination and the places of the factor's entries. No
@@ -22,8 +21,6 @@ module rk_sparse
       type(c_ptr), private :: handle = c_null_ptr
       !> It is the Cholesky factor of the last matrix that was solved
       logical :: of_last = .false.
-      !> Place of each unknown in the matrix that was factorised, where they have others, shape (n)
-      integer, allocatable, private :: position(:)
    contains
       procedure :: solve, solve_columns
       final :: free
@@ -66,40 +63,6 @@ module rk_sparse
    end interface
 
 contains
-
-!> Cholesky factor of a symmetric matrix; zeros of its envelope are left out
-subroutine sparse_cholesky(self, matrix, error)
-   type(sparse_factor), intent(inout) :: self
-   type(envelope_type), intent(in) :: matrix
-   !> Error handling: not positive definite, no memory
-   type(error_type), allocatable, intent(out) :: error
-   integer(i8), allocatable :: start(:), row(:)
-   real(wp), allocatable :: value(:)
-   integer(i8) :: at, k
-   integer :: c, i, j, pass
-
-   allocate (start(0:matrix%n))
-   start(0) = 0
-   do pass = 1, 2
-      k = 0
-      do j = 1, size(matrix%first)
-         do c = matrix%start(j) + 1, matrix%start(j + 1)
-            at = matrix%before(j, c)
-            do i = matrix%first(j) + 1, c
-               if (.not. abs(matrix%value(at + i)) > 0.0_wp) cycle
-               k = k + 1
-               if (pass == 1) cycle
-               row(k) = i - 1
-               value(k) = matrix%value(at + i)
-            end do
-            start(c) = k
-         end do
-      end do
-      if (pass == 1) allocate (row(k), value(k))
-   end do
-   call factor_upper(self, matrix%n, start, row, value, error)
-   self%position = matrix%position
-end subroutine sparse_cholesky
 
 !> Least squares by sparse QR of the column-scaled matrix
 subroutine sparse_qr(self, op, b, x, rank, error)
@@ -217,16 +180,11 @@ end subroutine complain
 subroutine solve(self, x)
    class(sparse_factor), intent(in) :: self
    real(wp), contiguous, intent(inout) :: x(:)
-   real(wp), allocatable :: y(:)
    type(threads_type) :: kept
 
-   allocate (y, source=x)
-   if (allocated(self%position)) y(self%position) = x
    call hold_threads(kept)
-   call rk_sparse_solve(self%handle, 1_i8, y)
+   call rk_sparse_solve(self%handle, 1_i8, x)
    call release_threads(kept)
-   x = y
-   if (allocated(self%position)) x = y(self%position)
 end subroutine solve
 
 !> Solve for several vectors at once with a factor of an upper triangle

@@ -9,7 +9,7 @@ module rk_kernel
    implicit none
    private
 
-   public :: kernel_quintic, kernel_cubic, window_product, window_radial, window_polar
+   public :: kernel_quintic, window_product, window_radial, window_polar
    public :: find_name, kernel_names, window_names, polar_window, window
 
    !> Names of the kernels and of the windows in decks, in the order of the numbers below

@@ -17,7 +17,7 @@ module rk_levelset_rows
    implicit none
    private
 
-   public :: grid_type, row_type, new_grid, advance_row, step_row, sum_row
+   public :: grid_type, new_grid, advance_row, step_row, sum_row
 
    !> Voxels of a row that take part
    type :: row_type

@@ -42,7 +42,7 @@ module rk_energies
    public :: muscle_type, new_material, polynomial_type
 
    !> Keys whose numbers an expression may have as constants
-   character(len=*), parameter :: constants(8) = ['mu', 'C1', 'C2', 'C3', 'Jm', 'b ', 'k1', 'k2']
+   character(len=*), parameter :: constants(7) = ['mu', 'C1', 'C2', 'C3', 'Jm', 'k1', 'k2']
 
    !> Isotropic material, by all coefficients or by those of a named law
    type, extends(material_type) :: polynomial_type

@@ -4,19 +4,18 @@
 !>
 !> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
 !> extends `material_type` by two procedures, its parameters and the derivatives of W_r; the powers
-!> of J are treated here and the tensors in rk_tensors and rk_curvature. All that is evaluated at
+!> of J are treated here and the tensors in rk_tensors. All that is evaluated at
 !> points is pure and allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who
 !> steps there must look at J first.
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
-   use rk_curvature, only : second_form
    use rk_deck, only : deck_type
    use rk_error, only : error_type
    use rk_precision, only : wp
    use rk_tensor, only : add_cross_form, cofactor, cross, determinant
    use rk_tensors, only : derivatives_type, first_tensor, invariants_type, kind_i1, kind_i2, &
-      & kind_i4, set_invariants
+      & kind_i4, second_form, set_invariants
    implicit none
    private
 

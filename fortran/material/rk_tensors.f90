@@ -1,4 +1,4 @@
-!> Invariants of a deformation, and the stress of an energy W(J, I1, I2, I4) by the chain rule.
+!> Invariants of a deformation; stress and tangent of an energy W(J, I1, I2, I4) by the chain rule.
 !>
 !> The invariants are those of C = F^T F, unscaled: J = det F, I1 = tr C = F:F, I2 = tr cof C
 !> = cof F : cof F and I4 = N.C.N with the fiber N. All four are polynomials in F, so their
@@ -14,6 +14,7 @@
 !>     I2_,F = 2 cof F x F         I2_,FF[G] = 2 (F x G) x F + 2 cof F x G
 !>     I4_,F = 2 (F N) N           I4_,FF[G] = 2 (G N) N
 !>
+!> Matrices 9x9 have the index i + 3 (A - 1) for F_iA.
 !> Two-dimensional states are plane strain: F_33 = 1, other components with an index 3 are zero.
 !>
 !> References: thesis Appendix C, (C.1)-(C.17), for J, I1 and I2;
@@ -22,12 +23,12 @@
 !>             doi:10.1016/j.cma.2014.10.002
 module rk_tensors
    use rk_precision, only : wp
-   use rk_tensor, only : cross
+   use rk_tensor, only : add_cross_form, cross
    implicit none
    private
 
-   public :: invariants_type, derivatives_type, set_invariants, first_tensor
-   public :: kind_j, kind_i1, kind_i2, kind_i4
+   public :: invariants_type, derivatives_type, set_invariants, first_tensor, second_form
+   public :: kind_i1, kind_i2, kind_i4
 
    !> Names of the invariants; the reduced ones are numbered alike
    integer, parameter :: kind_j = 0, kind_i1 = 1, kind_i2 = 2, kind_i4 = 3
@@ -122,5 +123,100 @@ pure subroutine first_tensor(inv, w, p)
       p = p + w%first(n)*inv%gradient(:, :, n)
    end do
 end subroutine first_tensor
+
+!> C4_iAjB = W_,iAjB, thesis (C.5)
+pure subroutine second_form(inv, w, form)
+   !> Invariants with first derivatives
+   type(invariants_type), intent(in) :: inv
+   !> Derivatives of W, second order
+   type(derivatives_type), intent(in) :: w
+   !> Symmetric matrix [stress]
+   real(wp), intent(out) :: form(9, 9)
+   real(wp) :: v(9), g(9)
+   integer :: j, m, n
+
+   form = 0.0_wp
+   do n = 1, inv%n
+      v = 0.0_wp
+      do m = 1, inv%n
+         v = v + w%second(m, n)*flat(inv%gradient(:, :, m))
+      end do
+      g = flat(inv%gradient(:, :, n))
+      do j = 1, 9
+         form(:, j) = form(:, j) + v*g(j)
+      end do
+      call add_form(inv, n, w%first(n), form)
+   end do
+end subroutine second_form
+
+!> Add a multiple of I_,FF
+pure subroutine add_form(inv, n, factor, form)
+   type(invariants_type), intent(in) :: inv
+   integer, intent(in) :: n
+   real(wp), intent(in) :: factor
+   !> Matrix
+   real(wp), intent(inout) :: form(9, 9)
+   integer :: i, a, b
+
+   select case (inv%kind(n))
+   case (kind_j)
+      call add_cross_form(factor, inv%f, form)
+   case (kind_i1)
+      do i = 1, 9
+         form(i, i) = form(i, i) + 2.0_wp*factor
+      end do
+   case (kind_i2)
+      call add_i2(inv%f, factor, form)
+   case (kind_i4)
+      do b = 1, 3
+         do a = 1, 3
+            do i = 1, 3
+               form(i + 3*(a - 1), i + 3*(b - 1)) = form(i + 3*(a - 1), i + 3*(b - 1)) &
+                  & + 2.0_wp*factor*inv%fiber(a)*inv%fiber(b)
+            end do
+         end do
+      end do
+   end select
+end subroutine add_form
+
+!> Add a multiple of I2_,FF, thesis (C.9) without the terms of J
+pure subroutine add_i2(f, factor, form)
+   !> Deformation gradient [-]
+   real(wp), intent(in) :: f(3, 3)
+   real(wp), intent(in) :: factor
+   !> Sum, with indices (i, A, j, B)
+   real(wp), intent(inout) :: form(3, 3, 3, 3)
+   real(wp) :: left(3, 3), right(3, 3), trace
+   integer :: i, a, j, b
+
+   left = 2.0_wp*factor*matmul(f, transpose(f))
+   right = 2.0_wp*factor*matmul(transpose(f), f)
+   trace = right(1, 1) + right(2, 2) + right(3, 3)
+   do b = 1, 3
+      do j = 1, 3
+         do a = 1, 3
+            do i = 1, 3
+               form(i, a, j, b) = form(i, a, j, b) &
+                  & + 2.0_wp*factor*(2.0_wp*f(i, a)*f(j, b) - f(i, b)*f(j, a))
+            end do
+            form(j, a, j, b) = form(j, a, j, b) - right(a, b)
+         end do
+         form(:, b, j, b) = form(:, b, j, b) - left(:, j)
+         form(j, b, j, b) = form(j, b, j, b) + trace
+      end do
+   end do
+end subroutine add_i2
+
+!> Matrix as a vector
+pure function flat(m) result(v)
+   !> Matrix
+   real(wp), intent(in) :: m(3, 3)
+   real(wp) :: v(9)
+
+   ! three times as fast as reshape
+   v(1:3) = m(:, 1)
+   v(4:6) = m(:, 2)
+   v(7:9) = m(:, 3)
+end function flat
 
 end module rk_tensors

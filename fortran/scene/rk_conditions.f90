@@ -14,7 +14,7 @@ module rk_conditions
    implicit none
    private
 
-   public :: boundary_type, new_boundary, conditions_at, compare_displacements
+   public :: boundary_type, new_boundary, conditions_at
 
    !> Boundary points with what holds there
    type :: boundary_type

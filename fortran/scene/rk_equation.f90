@@ -7,7 +7,7 @@ module rk_equation
    implicit none
    private
 
-   public :: equation_type, motion_type, pin_type
+   public :: equation_type, motion_type
    public :: solution_at, source_at
 
    !> Distance of values whose differences are derivatives, in sizes of the body [-]

@@ -126,9 +126,6 @@ function estimate_cost(deck, model) result(self)
       ! rows and columns, and a triangle that fills
       self%bytes = self%bytes + 32.0_wp*entries + 2.0_wp*envelope
       self%flops = 2.0_wp*self%equations*(self%unknowns*reach)**2
-   case ('sparse-normal')
-      self%bytes = self%bytes + 4.0_wp*envelope + 4.0_wp*8.0_wp*width**2
-      self%flops = normal + self%unknowns**3*reach**2
    case default
       self%bytes = self%bytes + envelope + 4.0_wp*8.0_wp*width**2
       self%flops = normal + self%unknowns**3*reach**2*(1.0_wp - 2.0_wp/3.0_wp*reach)
