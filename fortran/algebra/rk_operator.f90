@@ -46,8 +46,6 @@ module rk_operator
    type, abstract, extends(row_operator) :: square_operator
       !> Another start is at hand: a matrix that is costly to solve need not be
       logical :: impatient = .false.
-      !> The entries are those of the last solve
-      logical :: repeats = .false.
    contains
       !> Solve (A + shift |D|) x = b with a diagonal D like that of A
       procedure(square_interface), deferred :: solve_square

@@ -19,8 +19,6 @@ module rk_sparse
    !> copies: each would give them back.
    type, extends(factor_type) :: sparse_factor
       type(c_ptr), private :: handle = c_null_ptr
-      !> It is the Cholesky factor of the last matrix that was solved
-      logical :: of_last = .false.
    contains
       procedure :: solve, solve_columns
       final :: free
@@ -158,7 +156,6 @@ subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error
    stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rcond, &
       & kept%handle)
    call release_threads(threads)
-   kept%of_last = definite .and. stat == 0
    call complain(stat, error)
 end subroutine solve_sparse
 

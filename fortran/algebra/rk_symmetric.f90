@@ -419,10 +419,7 @@ subroutine solve_with(self, given, b, x, report, error)
    symmetric = .not. (self%indefinite .or. allocated(self%skew))
    found = .false.
    if (symmetric) call solve_near(self, given, b, x, report, found)
-   if (found) then
-      self%kept%of_last = .false.
-      return
-   end if
+   if (found) return
    report%used = 'cholesky'
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
@@ -431,10 +428,7 @@ subroutine solve_with(self, given, b, x, report, error)
    else if (self%indefinite) then
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
-   if (symmetric .and. self%repeats .and. self%kept%of_last) then
-      x = b
-      call self%kept%solve(x)
-   else if (symmetric) then
+   if (symmetric) then
       call solve_sparse(self%n, self%start, self%rows(), given, .true., b, x, report%rcond, &
          & self%kept, error)
    end if

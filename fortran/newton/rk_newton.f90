@@ -93,11 +93,8 @@ module rk_newton
       logical :: whole = .true.
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
-      !> The problem is linearised at the last state; it was where the last step began
+      !> The problem is linearised at the last state
       logical :: linearised = .true.
-      logical :: fresh = .true.
-      !> Step before the last one, over the size of the unknowns [-]
-      real(wp) :: before = huge(1.0_wp)
       !> The state is one on the way, whose residual |r| needs to fall no farther than this
       logical :: passes = .false.
       real(wp) :: enough = 0.0_wp
@@ -180,7 +177,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
          call fatal_error(error, err_convergence, reason)
          return
       end if
-      if (.not. now%linearised .and. .not. repeats()) then
+      if (.not. now%linearised) then
          call check_end(self, now, problem, load, merit, recorder, error)
          if (allocated(error)) return
          call linearise()
@@ -230,19 +227,8 @@ contains
       select type (matrix => problem%linearised)
       class is (square_operator)
          matrix%impatient = self%impatient .and. self%iterations == 0
-         matrix%repeats = .not. now%linearised
       end select
    end subroutine set_patience
-
-   !> Whether the last factor solves for what is left: where whole steps shrink so fast that the
-   !> next one is below the tolerance, its own tangent would change nothing
-   logical function repeats()
-      repeats = problem%square .and. .not. problem%inexact .and. now%whole .and. now%fresh &
-         & .and. self%iterations > 1 .and. self%step_norm < sqrt(self%tolerance)
-      if (repeats) repeats = it%solver%used == 'cholesky' &
-         & .and. self%step_norm**2 < self%tolerance*now%before
-      if (repeats) call problem%linearised%apply_transposed(r, g)
-   end function repeats
 
    !> Whether the state is not the one from which the row weights are: states would depend on the
    !> way to them
@@ -319,7 +305,6 @@ contains
       logical :: blind, definite
 
       call system_clock(clock)
-      now%fresh = now%linearised
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
       ! neither the jump at the start of a load step nor rounding says anything about the step
       blind = self%iterations == 1 .or. now%left < nothing &
@@ -350,7 +335,6 @@ contains
          now%rejected = now%rejected + 1
          call now%damping%reject()
          call problem%evaluate(a, load, r, self%state, tangent=.true.)
-         now%linearised = .true.
       end if
       timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
@@ -359,7 +343,6 @@ contains
          now%extent = max(now%extent, now%extent(1), tiny(1.0_wp))
       end if
       if (scale > 0.0_wp) moved = scale*moved
-      now%before = self%step_norm
       self%step_norm = maxval(moved/now%extent)
       if (self%iterations == 1) now%first_step = self%step_norm
       now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
