@@ -71,8 +71,9 @@ def across() -> Iterator[tuple[str, ...]]:
     Rubber of section 5.3.10 with K of 50 and 10,000 shear moduli. Force on the moved end, and
     displacement in the middle of a free side, normal to it (of the plate its deflection): signed
     errors [%]. Root mean square of the error of that displacement over the side, of the root mean
-    square there [%]. Truth: the part between planes of symmetry with half the spacings of the
-    coarser lattice, from which its change is shown in the same way; it may be off by as much.
+    square there [%]. Truth: the part between planes of symmetry on the finer of two lattices.
+    `change of truth` is its change from the coarser one, of twice the spacing; the truth may be off
+    by that much.
     """
     yield "body", "K/mu", "error of", "change of truth", *(f"n = {n}" for n in POINTS)
     for name, body in BODIES.items():

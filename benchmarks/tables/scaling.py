@@ -33,8 +33,8 @@ def scaling(repeats: str = "3") -> Iterator[tuple[str, ...]]:
 
     The limits are those of the machine in the same minutes: products of matrices, and sums of long
     vectors as in the stream benchmark (a = b + s c), each thread with its own half. `share` is how
-    much faster a phase is on two threads, over how much faster the product is, or of the body of
-    voxels, whose tangent is never formed, the sum.
+    much faster a phase is on two threads, divided by that of the product; for the body of voxels,
+    whose tangent is never formed, by that of the sum, which work in the cache may exceed.
     """
     yield "body", "unknowns", "phase", "1 thread [s]", "2 threads [s]", "faster", "share"
     number, faster = int(repeats), {}
