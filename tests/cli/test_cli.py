@@ -233,7 +233,7 @@ DECK = scene(
 
 
 def command(program: str) -> list[str]:
-    """Words that start a program; `myork` is told to solve."""
+    """Words that start a program; `myork` needs its command `solve`."""
     if program == "myork":
         return [sys.executable, "-m", "myork", "solve"]
     return [str(find_executable())]

@@ -148,7 +148,7 @@ def test_tangents_of_all_forms(override: str, tmp_path: Path) -> None:
 
 
 def test_check_finds_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A matrix that softens and a muscle without fibers are told, and the exit says so."""
+    """A matrix that softens and a muscle without fibers are reported, and the exit status is 1."""
     deck = new_deck("muscle", tmp_path / "deck.toml")
     text = deck.read_text().replace("A20 = 0.94", "A20 = -2.5")
     deck.write_text(text)
