@@ -83,7 +83,7 @@ def _bodies(folder: Path) -> Iterator[tuple[str, Callable[[int], Found]]]:
         INPUTS / f"{case.deck}.toml", case.varied, full_solves=8, tests=2, out=folder,
         overrides=case.overrides, threads=2,
     )  # fmt: skip
-    saved = rom.save(folder / "rom.npz")
+    saved = rom.save(folder / "block.rom.h5")
     middle = {key: sum(ends) / 2 for key, ends in case.varied.items()}
 
     def reduced(threads: int) -> Found:

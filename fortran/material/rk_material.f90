@@ -4,9 +4,9 @@
 !>
 !> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
 !> extends `material_type` by two procedures, its parameters and the derivatives of W_r; the powers
-!> of J are treated here and the tensors in rk_tensors. All that is evaluated at
-!> points is pure and allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who
-!> steps there must look at J first.
+!> of J are treated here and the tensors in rk_tensors. All that is evaluated at points is
+!> pure and allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who steps
+!> there must look at J first.
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
@@ -189,7 +189,7 @@ end subroutine stress
 !>
 !> P and C4 depend on the place through F and through the fiber direction N. What they are a little
 !> to either side along both gives the slopes of what is without change of volume. K/2 (J-1)^2 is a
-!> polynomial in F: differences times a large K would move the least squares of reduced models.
+!> polynomial in F; its differences would leave the rounding of F over their step, times K.
 pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)

@@ -205,7 +205,11 @@ def test_a_penalty_that_agrees_by_chance_is_seen() -> None:
 
 @pytest.mark.parametrize("points", [5, 6])
 def test_a_glued_cube_of_few_points_is_doubted(points: int) -> None:
-    """The force creeps with the points: 40 with 5^3, 38.0 with 9^3, 37.3 with 13^3."""
+    """The force creeps with the points: 40 with 5^3, 38.0 with 9^3, 37.3 with 13^3.
+
+    Finite elements of order two with and without pressures do not converge at this load, so that
+    the reference is the finest lattice, still falling.
+    """
     rubber = {"name": "it", "model": "neo-hookean", "mu": 20.0, "K": 2000.0}
     tables = gripped(
         "rkpm-gauss", box(points, points, points), rubber, "z0 z1", "force force_z z1", u_z=-0.35
