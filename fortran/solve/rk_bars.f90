@@ -38,6 +38,10 @@ module rk_bars
    !> Errors of stresses inside change sign from place to place: the difference is the root of the
    !> sum of squares, 4.1 times the error, and nine errors in ten are below 1.65 times theirs
    real(wp), parameter :: factor_coarse = 0.7_wp, factor_inside = 0.4_wp, factor_surface = 1.0_wp
+   !> Times as much for displacements between two or more sets that are held in all directions, where
+   !> nothing else acts and errors vanish: of 84 of random decks in the plane 95 % err by less than .7
+   !> of the bars without it
+   real(wp), parameter :: factor_held = 0.7_wp
    !> The same of forces and displacements in annuli without rims with a basis of order two: errors
    !> are of order three, a seventh of the difference. Displacements are compared at the probe only.
    !> At random places 97 % of 96 err by less than .23 of the difference with both boundary methods,
@@ -58,6 +62,9 @@ module rk_bars
    !> one, of solids below .81. By the order of the basis, of one where a wall is held up to a free
    !> end
    real(wp), parameter :: factor_farther(2) = [0.7_wp, 0.5_wp]
+   !> Times that for displacements in the plane where loads act, which let errors at the supports add
+   !> up over the body: 95 % of 28 err by less than 1.1 of the bars without it, of 30 in space by .5
+   real(wp), parameter :: factor_loaded = 1.4_wp
    !> Times the factor from more points at the surface
    real(wp), parameter :: factor_outside = 1.5_wp
    !> From more points: errors of order two are 4/3 of it, those of order one twice as much
@@ -349,7 +356,7 @@ subroutine bars_by_other(self, problem, other, kind, around)
    real(wp), intent(in) :: around(:, :, :)
    real(wp) :: left, open
    real(wp) :: beside(3, size(self%load))
-   logical :: blocks, rim, singular, smooth, wall
+   logical :: blocks, held, length, loaded, rim, singular, smooth, wall
    integer :: i, order
 
    blocks = allocated(problem%scene%cloud%block) .and. kind == fewer_points
@@ -357,6 +364,9 @@ subroutine bars_by_other(self, problem, other, kind, around)
       & + off_end*taper_of(problem%scene)
    singular = problem%mixture%meets() .or. problem%scene%jumps .or. holds_part(problem%scene) &
       & .or. allocated(problem%scene%approximation%kink) .or. problem%mixture%activation_jumps()
+   call find_supports(problem%scene, held, loaded)
+   ! errors where materials or conditions meet do not vanish at the sides
+   held = held .and. .not. singular
    order = min(2, problem%scene%approximation%order)
    smooth = .false.
    if (problem%scene%cloud%polar) then
@@ -368,19 +378,19 @@ subroutine bars_by_other(self, problem, other, kind, around)
       associate (quantity => problem%scene%probe(i)%quantity, factor => self%factor(i))
          left = 0.0_wp
          factor = factor_of(smooth, problem%scene%probe(i), self%at_surface(i))
+         length = quantity_kind(quantity) == 'length'
+         if (length .and. held) factor = factor_held*factor
          beside = around(:, i, :)
-         if (kind == another_form .or. smooth .and. quantity_kind(problem%scene%probe(i)%quantity) &
-            & == 'length') beside = -1.0_wp
+         if (kind == another_form .or. smooth .and. length) beside = -1.0_wp
          if (.not. allocated(problem%scene%cloud%lattice)) factor = factor_stairs
          if (blocks) then
             factor = factor_blocks
             ! others are of the order of one, or without a size
-            if (all(['ratio', 'angle'] /= quantity_kind(problem%scene%probe(i)%quantity))) &
-               & left = open
+            if (all(['ratio', 'angle'] /= quantity_kind(quantity))) left = open
          end if
          if (kind == twice_fewer .and. problem%scene%galerkin%essential == 'transformation' .and. &
-            & (smooth .or. quantity_kind(problem%scene%probe(i)%quantity) /= 'stress')) &
-            & factor = factor_farther(order)*factor
+            & (smooth .or. quantity_kind(quantity) /= 'stress')) factor = factor_farther(order)*factor &
+            & *merge(factor_loaded, 1.0_wp, length .and. loaded .and. problem%scene%cloud%nd == 2)
          if (kind == more_points) factor = factor_fine
          if (kind == more_points .and. self%at_surface(i)) factor = factor_outside*factor
          if (singular) factor = merge(factor_between, factor_layers, problem%mixture%meets())*factor
@@ -448,6 +458,27 @@ subroutine find_rims(scene, rim, wall)
    rim = any((end_held .or. wall_held) .and. free)
    wall = any(wall_held .and. free)
 end subroutine find_rims
+
+!> What supports the body and what acts on it
+pure subroutine find_supports(scene, held, loaded)
+   type(scene_type), intent(in) :: scene
+   !> All conditions hold all directions, and there are two or more
+   logical, intent(out) :: held
+   !> Forces act on the body
+   logical, intent(out) :: loaded
+   integer :: k
+
+   held = size(scene%condition) > 1
+   loaded = allocated(scene%body_force)
+   do k = 1, size(scene%condition)
+      associate (condition => scene%condition(k))
+         held = held .and. all(condition%fixed(:scene%cloud%nd))
+         loaded = loaded .or. any(condition%traction%acts()) .or. abs(condition%pressure) > 0.0_wp &
+            & .or. abs(condition%pull) > 0.0_wp
+      end associate
+   end do
+   held = held .and. .not. loaded
+end subroutine find_supports
 
 !> Bar over the difference from fewer points of a probe on a lattice [-]
 real(wp) function factor_of(smooth, probe, at_surface) result(factor)
@@ -593,8 +624,9 @@ subroutine set_bar(self, i, n, other, around, left, from)
    self%open(i) = left*self%whole(i, last)/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
-!> Bars of a search. Where nothing shows that two solutions agree by chance, and in space, they are
-!> at least what the square of the spacing leaves of those of the answer on fewer points
+!> Bars of a search. Where the answer has left the bars that it had on fewer points, they are wider
+!> by as much, up to the whole change. Where nothing shows that two solutions agree by chance, and in
+!> space, they are at least what the square of the spacing leaves of those on fewer points
 subroutine bars_by_earlier(self, solid, earlier, growth)
    type(bars_type), intent(inout) :: self
    !> A body in space
@@ -603,16 +635,19 @@ subroutine bars_by_earlier(self, solid, earlier, growth)
    type(bars_type), intent(in) :: earlier
    !> Cells of one direction over those then, the largest of all directions [-]
    real(wp), intent(in) :: growth
+   real(wp) :: least(3, size(self%load)), moved(3, size(self%load))
    integer :: i, last
 
    last = size(self%load)
    if (last /= size(earlier%load)) return
    do i = 1, size(self%change)
-      if (.not. (solid .or. self%alone(i))) cycle
       if (ieee_is_nan(self%bars(1, i, last)) .or. ieee_is_nan(earlier%bars(1, i, last))) cycle
-      if (any(earlier%bars(:, i, last)/growth**2 > self%bars(:, i, last))) &
-         & self%source(i) = 'earlier points'
-      self%bars(:, i, :) = max(self%bars(:, i, :), earlier%bars(:, i, :)/growth**2)
+      moved = abs(self%values(:, i, :) - earlier%values(:, i, :))
+      least = min(moved, self%bars(:, i, :)*moved/max(earlier%bars(:, i, :), tiny(1.0_wp)))
+      if (solid .or. self%alone(i)) least = max(least, earlier%bars(:, i, :)/growth**2)
+      if (any(least(:, last) > self%bars(:, i, last))) self%source(i) = 'earlier points'
+      ! there are none beyond its components
+      where (self%bars(:, i, :) < least) self%bars(:, i, :) = least
    end do
 end subroutine bars_by_earlier
 
