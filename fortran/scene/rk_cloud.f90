@@ -120,7 +120,10 @@ pure integer function find_set(self, name)
    class(cloud_type), intent(in) :: self
    character(len=*), intent(in) :: name
 
-   find_set = findloc(self%set_names, name, dim=1, back=.true.)
+   ! findloc with back reads before the texts where gfortran 12 finds none
+   do find_set = size(self%set_names), 1, -1
+      if (self%set_names(find_set) == name) return
+   end do
 end function find_set
 
 !> Whether a boundary entry lies in a set
