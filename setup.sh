@@ -63,7 +63,8 @@ has_libraries() {
    for tool in gcc g++ gfortran pkg-config; do
       command -v "$tool" >/dev/null || return 1
    done
-   pkg-config --exists openblas && pkg-config --exists tomlplusplus &&
+   echo '#include <suitesparse/SuiteSparseQR_C.h>' | gcc -E - >/dev/null 2>&1 &&
+      pkg-config --exists openblas && pkg-config --exists tomlplusplus &&
       pkg-config --exists muparser && pkg-config --exists libcrypto &&
       { pkg-config --exists hdf5-serial || pkg-config --exists hdf5; }
 }
@@ -86,7 +87,9 @@ install_packages() {
    fi
    say "installing packages with apt (1-2 minutes)"
    apt="$as_root env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=300"
-   { $apt update && $apt install -y --no-install-recommends "$@"; } >&2 </dev/null ||
+   # another apt-get, as the daily one, locks the lists, for which it does not wait
+   { { $apt update || { sleep 30; $apt update; }; } &&
+      $apt install -y --no-install-recommends "$@"; } >&2 </dev/null ||
       fail "apt-get failed, see above"
 }
 

@@ -86,6 +86,7 @@ TABLES = {
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
     "scaling": ("scaling",),
+    "searched": ("searched",),
     "shading_fields": ("shading_fields", "shading_doubts"),
     "sizes": ("sizes",),
     "tissues": ("tissues",),
@@ -100,6 +101,7 @@ PAGES = {
     "images": "Images: both halves of the cases",
     "large_leg": "A leg of many points",
     "scaling": "Threads",
+    "searched": "Searches and evenly spaced points",
     "sizes": "Cost against size",
     "trained": "Trained reduced models",
 }
