@@ -38,9 +38,9 @@ module rk_bars
    !> Errors of stresses inside change sign from place to place: the difference is the root of the
    !> sum of squares, 4.1 times the error, and nine errors in ten are below 1.65 times theirs
    real(wp), parameter :: factor_coarse = 0.7_wp, factor_inside = 0.4_wp, factor_surface = 1.0_wp
-   !> Times as much for displacements between two or more sets that are held in all directions, where
-   !> nothing else acts and errors vanish: of 84 of random decks in the plane 95 % err by less than .7
-   !> of the bars without it
+   !> Times as much for displacements between two or more sets that are held in all directions,
+   !> where nothing else acts and errors vanish: of 84 of random decks in the plane 95 % err by less
+   !> than .7 of the bars without it
    real(wp), parameter :: factor_held = 0.7_wp
    !> The same of forces and displacements in annuli without rims with a basis of order two: errors
    !> are of order three, a seventh of the difference. Displacements are compared at the probe only.
@@ -62,8 +62,9 @@ module rk_bars
    !> one, of solids below .81. By the order of the basis, of one where a wall is held up to a free
    !> end
    real(wp), parameter :: factor_farther(2) = [0.7_wp, 0.5_wp]
-   !> Times that for displacements in the plane where loads act, which let errors at the supports add
-   !> up over the body: 95 % of 28 err by less than 1.1 of the bars without it, of 30 in space by .5
+   !> Times that for displacements in the plane where loads act, which let errors at the supports
+   !> add up over the body: 95 % of 28 err by less than 1.1 of the bars without it, of 30 in space
+   !> by .5
    real(wp), parameter :: factor_loaded = 1.4_wp
    !> Times the factor from more points at the surface
    real(wp), parameter :: factor_outside = 1.5_wp
@@ -389,8 +390,9 @@ subroutine bars_by_other(self, problem, other, kind, around)
             if (all(['ratio', 'angle'] /= quantity_kind(quantity))) left = open
          end if
          if (kind == twice_fewer .and. problem%scene%galerkin%essential == 'transformation' .and. &
-            & (smooth .or. quantity_kind(quantity) /= 'stress')) factor = factor_farther(order)*factor &
-            & *merge(factor_loaded, 1.0_wp, length .and. loaded .and. problem%scene%cloud%nd == 2)
+            & (smooth .or. quantity_kind(quantity) /= 'stress')) factor = factor_farther(order) &
+            & *merge(factor_loaded, 1.0_wp, length .and. loaded .and. problem%scene%cloud%nd == 2) &
+            & *factor
          if (kind == more_points) factor = factor_fine
          if (kind == more_points .and. self%at_surface(i)) factor = factor_outside*factor
          if (singular) factor = merge(factor_between, factor_layers, problem%mixture%meets())*factor
@@ -625,8 +627,8 @@ subroutine set_bar(self, i, n, other, around, left, from)
 end subroutine set_bar
 
 !> Bars of a search. Where the answer has left the bars that it had on fewer points, they are wider
-!> by as much, up to the whole change. Where nothing shows that two solutions agree by chance, and in
-!> space, they are at least what the square of the spacing leaves of those on fewer points
+!> by as much, up to the whole change. Where nothing shows that two solutions agree by chance, and
+!> in space, they are at least what the square of the spacing leaves of those on fewer points
 subroutine bars_by_earlier(self, solid, earlier, growth)
    type(bars_type), intent(inout) :: self
    !> A body in space
