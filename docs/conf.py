@@ -13,7 +13,6 @@ from sphinx.writers.html5 import HTML5Translator
 from myork import __version__
 
 sys.path.insert(0, str(Path(__file__).parent))
-import messages  # noqa: E402
 import rooms  # noqa: E402
 
 project = "MyoRK"
@@ -73,13 +72,12 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def _listed(_: Sphinx, name: str, source: list[str]) -> None:
-    """Append lists to their pages."""
-    for tool in (messages, rooms):
-        if name == tool.__name__:
-            source[0] += "\n" + tool.page()
+    """Append the list of rooms to its page."""
+    if name == "rooms":
+        source[0] += "\n" + rooms.page()
 
 
 def setup(app: Sphinx) -> None:
-    """Write formulas as MathML, list messages and rooms."""
+    """Write formulas as MathML, list rooms."""
     app.connect("source-read", _listed)
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
