@@ -2,8 +2,6 @@
 
 import html
 import re
-import sys
-from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -11,9 +9,6 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 from myork import __version__
-
-sys.path.insert(0, str(Path(__file__).parent))
-import rooms  # noqa: E402
 
 project = "MyoRK"
 author = "The MyoRK developers"
@@ -71,13 +66,6 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
-def _listed(_: Sphinx, name: str, source: list[str]) -> None:
-    """Append the list of rooms to its page."""
-    if name == "rooms":
-        source[0] += "\n" + rooms.page()
-
-
 def setup(app: Sphinx) -> None:
-    """Write formulas as MathML, list rooms."""
-    app.connect("source-read", _listed)
+    """Write formulas as MathML."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))
