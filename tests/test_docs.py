@@ -224,13 +224,13 @@ def test_words_of_the_field_stand_in_sources() -> None:
     ]
 
 
-# ---- links, numbers of the README, citation, recipe ----------------------------------------------
+# ---- links, numbers of the README, citation ----------------------------------------------
 
 
 TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *NOTEBOOKS])
 #: Where what stands in backquotes is a path of the tree
 FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "notebooks", "pydriver", "tests"]
-FOLDERS += [".ci", ".github", "conda"]
+FOLDERS += [".ci", ".github"]
 
 
 def name_of(path: Path) -> str:
@@ -305,13 +305,3 @@ def test_the_citation_is_that_of_this_version() -> None:
     assert f"license: '{cited['license']}'" in meson
     needed = {"cff-version", "message", "title", "type", "abstract", "keywords", "authors"}
     assert needed <= set(cited) and cited["references"][0]["url"].startswith("https://")
-
-
-def test_the_recipe_needs_what_the_package_needs() -> None:
-    """Run-time needs of the conda recipe are those of pyproject.toml."""
-    recipe = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
-    run = recipe.split("  run:\n")[1].split("\n\n")[0].replace("matplotlib-base", "matplotlib")
-    listed = {line.strip("- ").replace(" ", "") for line in run.splitlines()} - {"python"}
-    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    needs = re.search(r"^dependencies = \[(.*?)\]", project, re.M | re.S)
-    assert needs is not None and listed == set(re.findall(r'"([^"]+)"', needs[1]))
