@@ -224,7 +224,7 @@ def test_words_of_the_field_stand_in_sources() -> None:
     ]
 
 
-# ---- links, numbers of the README, citation ----------------------------------------------
+# ---- links, numbers of the README, citation ------------------------------------------------------
 
 
 TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *NOTEBOOKS])
