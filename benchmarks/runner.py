@@ -97,7 +97,7 @@ TABLES = {
 PAGES = {
     "across": "Errors by the number of points",
     "forms": "Settings of the forms",
-    "images": "Images: both halves of the cases",
+    "images": "Images",
     "large_leg": "A leg of many points",
     "scaling": "Threads",
     "sizes": "Cost against size",
@@ -538,24 +538,18 @@ def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS
     for module, names in TABLES.items():
         found = import_module(f"benchmarks.tables.{module}")
         for name in names:
-            halves = [one for one in kept if one["table"] == name]
             shown = getattr(found, "PIVOTS", {}).get(name, list)
-            rows: list[Sequence[str]] = []
-            for one in halves:
-                head, *own = shown(one["rows"])
-                first = [one["half"]] if one["half"] else []
-                rows += [] if rows else [["half"] * len(first) + head]
-                rows += [first + row for row in own]
-            if halves:
-                about = inspect.getdoc(getattr(found, name)) or ""
-                part = [f"## {name}", "", about, "", *_lines(rows), ""]
-                part += [" ".join(one["written"] for one in halves)]
-                page = module if module in PAGES else "images"
-                pages.setdefault(page, []).append("\n".join(part))
+            for one in kept:
+                # what settings were chosen on says nothing of how good they are
+                if one["table"] == name and one["half"] != "tuned":
+                    about = inspect.getdoc(getattr(found, name)) or ""
+                    part = [f"## {name}", "", about, "", *_lines(shown(one["rows"])), ""]
+                    page = module if module in PAGES else "images"
+                    pages.setdefault(page, []).append("\n".join([*part, one["written"]]))
     for page, parts in pages.items():
         about = "`tables.json` keeps all rows of these tables. "
         if page == "images":
-            about += "On `tuned` settings were chosen, on `other` none was."
+            about += "Shown is the half `other` of the cases, on which no setting was chosen."
         text = [f"# {PAGES[page]}", about.strip(), *sorted(parts)]
         write_text(folder / f"{page}.md", "\n\n".join(text) + "\n")
 
