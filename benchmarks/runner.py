@@ -81,7 +81,7 @@ OF_SOME = ("trust", "methods", "curves", "race")
 TABLES = {
     "across": ("across",),
     "damage": ("damage",),
-    "forms": ("walls", "mixed", "solvers"),
+    "forms": ("mixed", "solvers"),
     "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
