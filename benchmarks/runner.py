@@ -98,7 +98,6 @@ PAGES = {
     "across": "Errors by the number of points",
     "forms": "Settings of the forms",
     "images": "Images",
-    "large_leg": "A leg of many points",
     "scaling": "Threads",
     "sizes": "Cost against size",
     "trained": "Trained reduced models",
