@@ -25,7 +25,6 @@ myst_heading_anchors = 3
 napoleon_google_docstring = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"  # the docstrings give shapes and units
-suppress_warnings = ["misc.highlighting_failure"]  # drawings of mermaid are text here
 html_theme = "furo"
 html_title = f"MyoRK {release}"
 html_math_renderer = "mathml"  # what browsers draw themselves: pages need no network
