@@ -81,7 +81,7 @@ OF_SOME = ("trust", "methods", "curves", "race")
 TABLES = {
     "across": ("across",),
     "damage": ("damage",),
-    "forms": ("walls", "mixed", "solvers"),
+    "forms": ("mixed", "solvers"),
     "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
@@ -98,8 +98,7 @@ TABLES = {
 PAGES = {
     "across": "Errors by the number of points",
     "forms": "Settings of the forms",
-    "images": "Images: both halves of the cases",
-    "large_leg": "A leg of many points",
+    "images": "Images",
     "scaling": "Threads",
     "searched": "Searches and evenly spaced points",
     "sizes": "Cost against size",
@@ -540,24 +539,18 @@ def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS
     for module, names in TABLES.items():
         found = import_module(f"benchmarks.tables.{module}")
         for name in names:
-            halves = [one for one in kept if one["table"] == name]
             shown = getattr(found, "PIVOTS", {}).get(name, list)
-            rows: list[Sequence[str]] = []
-            for one in halves:
-                head, *own = shown(one["rows"])
-                first = [one["half"]] if one["half"] else []
-                rows += [] if rows else [["half"] * len(first) + head]
-                rows += [first + row for row in own]
-            if halves:
-                about = inspect.getdoc(getattr(found, name)) or ""
-                part = [f"## {name}", "", about, "", *_lines(rows), ""]
-                part += [" ".join(one["written"] for one in halves)]
-                page = module if module in PAGES else "images"
-                pages.setdefault(page, []).append("\n".join(part))
+            for one in kept:
+                # what settings were chosen on says nothing of how good they are
+                if one["table"] == name and one["half"] != "tuned":
+                    about = inspect.getdoc(getattr(found, name)) or ""
+                    part = [f"## {name}", "", about, "", *_lines(shown(one["rows"])), ""]
+                    page = module if module in PAGES else "images"
+                    pages.setdefault(page, []).append("\n".join([*part, one["written"]]))
     for page, parts in pages.items():
         about = "`tables.json` keeps all rows of these tables. "
         if page == "images":
-            about += "On `tuned` settings were chosen, on `other` none was."
+            about += "Shown is the half `other` of the cases, on which no setting was chosen."
         text = [f"# {PAGES[page]}", about.strip(), *sorted(parts)]
         write_text(folder / f"{page}.md", "\n\n".join(text) + "\n")
 

@@ -2,8 +2,6 @@
 
 import html
 import re
-import sys
-from pathlib import Path
 
 from docutils import nodes
 from latex2mathml.converter import convert
@@ -11,10 +9,6 @@ from sphinx.application import Sphinx
 from sphinx.writers.html5 import HTML5Translator
 
 from myork import __version__
-
-sys.path.insert(0, str(Path(__file__).parent))
-import messages  # noqa: E402
-import rooms  # noqa: E402
 
 project = "MyoRK"
 author = "The MyoRK developers"
@@ -31,7 +25,6 @@ myst_heading_anchors = 3
 napoleon_google_docstring = False
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"  # the docstrings give shapes and units
-suppress_warnings = ["misc.highlighting_failure"]  # drawings of mermaid are text here
 html_theme = "furo"
 html_title = f"MyoRK {release}"
 html_math_renderer = "mathml"  # what browsers draw themselves: pages need no network
@@ -72,14 +65,6 @@ def _display(self: HTML5Translator, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
-def _listed(_: Sphinx, name: str, source: list[str]) -> None:
-    """Append lists to their pages."""
-    for tool in (messages, rooms):
-        if name == tool.__name__:
-            source[0] += "\n" + tool.page()
-
-
 def setup(app: Sphinx) -> None:
-    """Write formulas as MathML, list messages and rooms."""
-    app.connect("source-read", _listed)
+    """Write formulas as MathML."""
     app.add_html_math_renderer("mathml", (_inline, None), (_display, None))

@@ -15,7 +15,6 @@ from collections.abc import Iterator
 from functools import cache
 from itertools import zip_longest
 from pathlib import Path
-from runpy import run_path
 
 import nbformat
 import pytest
@@ -213,41 +212,25 @@ def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert not [out for out in outputs if out.get("name") == "stderr"]
 
 
-# ---- the list of messages ------------------------------------------------------------------------
-
-#: Those of all three languages, as users see them
-MESSAGES = run_path(str(ROOT / "docs" / "messages.py"))["messages"]()
-
-
-@pytest.mark.parametrize(("file", "message"), [
-    ("fortran/scene/rk_cloud.f90", "normal of boundary entry {i} at {points} is not a unit vector"),
-    ("fortran/solve/rk_verdict.f90", "the displacements differ by # of their norm{reference}"),
-    ("fortran/deck/deck_check.cpp", "missing, the table {title} is needed"),
-    ("pydriver/myork/imaging/plain.py", "{path}: there is no such file"),
-])  # fmt: skip
-def test_lists_messages_of_all_languages(file: str, message: str) -> None:
-    assert message in MESSAGES[file]
-
-
-def test_words_of_the_field_stand_in_messages() -> None:
+def test_words_of_the_field_stand_in_sources() -> None:
     """None of the words that the project avoids; see CONTRIBUTING."""
-    avoided = ("foretold", "led astray", "that is none", "as they are")
-    found = [
-        f"{file}: {text}"
-        for file, texts in MESSAGES.items()
-        for text in texts
-        if any(word in text for word in avoided)
+    avoided = ("foretold", "led astray", "that is none")
+    sources = [*ROOT.glob("fortran/**/*.*"), *ROOT.glob("pydriver/**/*.py")]
+    assert not [
+        f"{name_of(path)}: {word}"
+        for path in sources
+        for word in avoided
+        if word in path.read_text(encoding="utf-8")
     ]
-    assert not found, "\n".join(found)
 
 
-# ---- links, numbers of the README, citation, recipe ----------------------------------------------
+# ---- links, numbers of the README, citation ------------------------------------------------------
 
 
 TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *NOTEBOOKS])
 #: Where what stands in backquotes is a path of the tree
 FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "notebooks", "pydriver", "tests"]
-FOLDERS += [".ci", ".github", "conda"]
+FOLDERS += [".ci", ".github"]
 
 
 def name_of(path: Path) -> str:
@@ -322,13 +305,3 @@ def test_the_citation_is_that_of_this_version() -> None:
     assert f"license: '{cited['license']}'" in meson
     needed = {"cff-version", "message", "title", "type", "abstract", "keywords", "authors"}
     assert needed <= set(cited) and cited["references"][0]["url"].startswith("https://")
-
-
-def test_the_recipe_needs_what_the_package_needs() -> None:
-    """Run-time needs of the conda recipe are those of pyproject.toml."""
-    recipe = (ROOT / "conda" / "meta.yaml").read_text(encoding="utf-8")
-    run = recipe.split("  run:\n")[1].split("\n\n")[0].replace("matplotlib-base", "matplotlib")
-    listed = {line.strip("- ").replace(" ", "") for line in run.splitlines()} - {"python"}
-    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
-    needs = re.search(r"^dependencies = \[(.*?)\]", project, re.M | re.S)
-    assert needs is not None and listed == set(re.findall(r'"([^"]+)"', needs[1]))

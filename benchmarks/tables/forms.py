@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import cache
@@ -12,11 +11,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from benchmarks.runner import sized_tables
 from benchmarks.runs import PUBLISHED_BLOCK
-from benchmarks.truths.deck_parts import force
 from benchmarks.truths.finite_elements import solve_half_block
-from benchmarks.truths.tubes import tube_deck, wall_stresses
 from myork import Scene, run_deck
 from myork.bench.runs import lattice
 from myork.core.deck import load_deck
@@ -25,56 +21,6 @@ from myork.files import INPUTS
 
 #: The head of a table, then its rows
 Rows = Iterator[tuple[str, ...]]
-
-
-def walls() -> Rows:
-    """Stresses on the walls of a tube, and its force, by settings of the Galerkin form.
-
-    Errors of the radial stress inside and the hoop stress outside at the cut, the same between the
-    cuts, and of the force [%]; CPU seconds.
-    """
-    tube = (6.0, 8.0, 6.0, 1e3)
-    truth = wall_stresses(*tube)
-    truth["force"] = truth["inner"] * 12.0
-    yield "order, support, kernel, window, Gauss points, penalty", "5x26", "9x51", "17x101"
-    for order, support, kernel, window, gauss, penalty in (
-        (1, 2, "cubic", "product", 2, 100),
-        (2, 2.5, "cubic", "product", 2, 100),
-        (2, 3, "cubic", "product", 3, 100),
-        (2, 3, "quintic", "product", 2, 100),
-        (2, 3, "quintic", "product", 3, 100),
-        (2, 3, "quintic", "product", 3, 10),
-        (2, 3, "quintic", "polar", 2, 10),
-        (2, 3, "quintic", "polar", 3, 30),
-        (2, 3, "quintic", "polar", 3, 10),
-    ):
-        choice = {"order": order, "support": support, "kernel": kernel, "window": window}
-        settings = {
-            "scene": {"dimension": 2, "method": "rkpm-gauss"},
-            "approximation": choice,
-            "galerkin": {"gauss": gauss, "penalty": float(penalty)},
-        }
-        cells = []
-        for source in ((5, 26), (9, 51), (17, 101)):
-            tables = sized_tables(tube_deck(*tube), source) | settings
-            tables["probe"] = [*tables["probe"], force("force", "x", "x0")]
-            before = time.process_time()
-            with Scene.from_tables(tables, threads=1) as scene:
-                states = scene.solve(error=False)
-                found = scene.probes(states.x, states.load)[-1]
-            spent = time.process_time() - before
-            names = [probe["name"] for probe in tables["probe"]]
-            values = dict(zip(names, found[:, 0], strict=True))
-            off = {
-                name: 100 * abs(value / truth[name.split()[0]] - 1)
-                for name, value in values.items()
-            }
-            at, between = (
-                ", ".join(f"{off[f'{wall} {angle}']:.2g}" for wall in ("inner", "outer"))
-                for angle in ("x", "between")
-            )
-            cells.append(f"{at}; {between}; {off['force']:.1g}; {spent:.2f}")
-        yield f"{order}, {support}, {kernel}, {window}, {gauss}, {penalty}", *cells
 
 
 #: Activations of the inclined block, and distances from the edges at which J is judged [cm]

@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.files import INPUTS
-from myork.rom.check import compare
+from myork.rom.check import compare_at
 from myork.rom.model import ReducedModel
+from myork.rom.parameters import spread_points
 from myork.stations.build import build
 from myork.stations.segment import segment
 
@@ -25,7 +26,7 @@ class Trained(NamedTuple):
 
 
 _MUSCLE = {"load.activation": (0.0, 1.0), "material.muscle.sigma_max": (20.0, 40.0)}
-_STRONGER = {"sigma_max": (70.0, 70.0), "activation": (0.3, 1.0)}
+_STRONGER = {"load.activation": (0.3, 1.0), "material.muscle.sigma_max": (70.0, 70.0)}
 #: What is trained, by name
 MODELS = {
     "muscle block, nodal cells": Trained(
@@ -75,7 +76,10 @@ def trained(points: str = "20", full_solves: str = "40") -> Iterator[tuple[str, 
                 overrides=case.overrides, threads=1,
             )  # fmt: skip
         for ranges in (None, case.beyond) if case.beyond else (None,):
-            found = compare(rom, rom.full_model(), int(points), 1, lambda line: None, ranges)
+            ends = {p.key: (p.low, p.high) for p in rom.parameters} | (ranges or {})
+            at = [p._replace(low=ends[p.key][0], high=ends[p.key][1]) for p in rom.parameters]
+            values = spread_points(at, int(points), 1)
+            found = compare_at(rom, rom.full_model(), values, 1, lambda line: None)
             cells, ratio = found["cells"], found["indicator_ratio"]
             yield (
                 name if ranges is None else f"{name}, beyond",

@@ -82,7 +82,7 @@ def graded(cloud: PointCloud, power: float) -> PointCloud:
 
 
 def _moved(cloud: PointCloud, source: F64, points: F64) -> PointCloud:
-    spacing = source_spacing(source, cloud.spacing)
+    spacing = source_spacing(source / cloud.spacing) * cloud.spacing
     return replace(cloud, source=source, spacing=spacing, points=points)
 
 

@@ -9,18 +9,6 @@ import importlib
 import re
 from typing import Any
 
-__all__ = [
-    "ConvergenceError",
-    "FileError",
-    "InputError",
-    "InstallationError",
-    "LinalgError",
-    "ModelTooLargeError",
-    "MyorkError",
-    "RefusedError",
-    "StoppedError",
-    "check",
-]
 _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 
 

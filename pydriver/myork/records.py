@@ -65,11 +65,6 @@ class Voxels:
     size: F64  #: Edges of a voxel, shape `(3,)` [length]
     origin: F64  #: Centre of the voxel at place 0, 0, 0, shape `(3,)` [length]
 
-    @property
-    def centre(self) -> F64:
-        """Centre of each voxel, shape `(npoint, 3)` [length]."""
-        return self.origin + self.index * self.size
-
 
 @dataclass(frozen=True)
 class PointCloud:

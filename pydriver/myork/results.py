@@ -38,7 +38,7 @@ class RestartState:
     activation: float  #: Activation of the muscle fibers [-]
     coefficients: F64  #: Coefficients of the approximation, shape `(ndof,)`
     points: F64  #: Undeformed collocation points, shape `(np, 3)` [length]
-    approximation: str  #: Shape functions they belong to, in words; empty where none were given
+    approximation: str  #: Shape functions they belong to, in words
 
 
 class Results:
@@ -131,8 +131,11 @@ class Results:
         return found
 
     def _joined(self, name: str) -> I32:
-        """Rows of whole numbers that say how points hang together; none in older files."""
-        found = self._read(f"MyoRK/{name}", missing=np.empty((0, 3), np.int32))
+        """Rows of whole numbers that say how points hang together; none without a lattice."""
+        with _damage(self.path, name):
+            if f"MyoRK/{name}" not in self._file:
+                return np.empty((0, 3), np.int32)
+        found = self._read(f"MyoRK/{name}")
         if found.ndim != 2 or found.shape[1] not in (1, 2, 3) or found.dtype.kind != "i":
             raise FileError(f"{self.path}: damaged: {name} has shape {found.shape}")
         return found
@@ -248,11 +251,6 @@ class Results:
         table.attrs["units"] = units
         return table
 
-    @property
-    def units(self) -> dict[str, str]:
-        """Units `force` and `length` of the summary; empty texts where there is none."""
-        return {"force": "", "length": "", **read_summary(self.path.parent).get("units", {})}
-
     def restart(self, step: int = -1) -> RestartState:
         """State from which a solve can go on.
 
@@ -260,7 +258,7 @@ class Results:
         - returns load, activation, coefficients and what they belong to
         """
         step = self._step(step)
-        words = self._read("MyoRK/approximation", missing=np.empty(0, np.uint8))
+        words = self._read("MyoRK/approximation")
         return RestartState(
             step=step,
             load=float(self.loads[step]),
@@ -304,11 +302,9 @@ class Results:
             raise InputError(f"{self.path}: no step {step}; the last one is {self.nstep - 1}")
         return step % self.nstep
 
-    def _read(self, name: str, part: Any = (), missing: NDArray[Any] | None = None) -> NDArray[Any]:
-        """Numbers of a dataset, or what stands for a missing one; errors name the file."""
+    def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
+        """Numbers of a dataset; errors name the file."""
         with _damage(self.path, name):
-            if missing is not None and name not in self._file:
-                return missing
             values = np.asarray(dataset(self._file, name)[part])
             if values.dtype.kind not in "iuf":
                 raise TypeError("it does not contain numbers")

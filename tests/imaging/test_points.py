@@ -54,7 +54,8 @@ def test_block_by_hand():
     place = centre + np.outer(at_end, [0.0, 0.0, 1.0])
     np.testing.assert_allclose(cloud.points[below], place[below])
     assert np.array_equal(cloud.voxels.index - cloud.voxels.index[0], index)
-    np.testing.assert_allclose(cloud.voxels.centre, centre)
+    voxels = cloud.voxels
+    np.testing.assert_allclose(voxels.origin + voxels.index * voxels.size, centre)
     assert np.all(np.abs(cloud.points - place) <= [0.12, 0.18, 1e-9])
     np.testing.assert_allclose(np.ptp(cloud.points, axis=0), [1.0, 1.2, 3.0], rtol=0.05)
     np.testing.assert_allclose(cloud.volume, 0.2 * 0.3 * 0.5)
@@ -142,7 +143,10 @@ def test_rotated_header_gives_the_same_model_in_its_own_frame(mg, phantom):
 
 def test_fibers_at_points_are_those_of_the_phantom(mg, phantom):
     cloud, _ = mg
-    place = (cloud.voxels.centre * 10 - phantom.truth.affine[:3, 3]) / phantom.truth.spacing
+    voxels = cloud.voxels
+    place = (
+        (voxels.origin + voxels.index * voxels.size) * 10 - phantom.truth.affine[:3, 3]
+    ) / phantom.truth.spacing
     exact = phantom.fiber.data[tuple(np.rint(place).astype(int).T)]
     known = exact.any(axis=1)
     # Fibers turn by 12 degrees over 18 pixels; a voxel aside is a degree.

@@ -16,7 +16,7 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
-from myork.rom.check import compare
+from myork.rom.check import compare, compare_at
 from myork.rom.map import map_model
 from myork.rom.marks import LOST
 from tests.scenes import contracting, deck_file, probes, refuses, rows_of, solved
@@ -449,14 +449,10 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert json.loads((tmp_path / "map.json").read_text())["probe_units"]["middle"] == "cm"
     assert main(["rom", "check", str(trained), "--points", "2", "--out", str(tmp_path), "-q"]) == 0
     check = json.loads((tmp_path / "check.json").read_text())
-    assert check["points"] == 2 and check["failed"] == 0 and "ranges" not in check
+    assert check["points"] == 2 and check["failed"] == 0
     assert {"u", "force", "cpu_us_per_state", "indicator_ratio", "spearman", "cells"} <= set(check)
-    beyond = {"activation": (0.7, 0.8), "u_z": (0.33, 0.33)}
     rom = ReducedModel.load(trained, threads=1)
-    check = compare(rom, rom.full_model(), 2, 1, silent, beyond)
-    assert check["ranges"] == {"load.activation": [0.7, 0.8], "boundary.z1.u_z": [0.33, 0.33]}
-    assert all(0.7 <= a <= 0.8 and u == 0.33 for a, u in check["parameters"])
-    with pytest.raises(InputError, match="load.activation: a range needs LOW <= HIGH, not 0.8 and"):
-        compare(rom, rom.full_model(), 2, 1, silent, {"activation": (0.8, 0.7)})
+    check = compare_at(rom, rom.full_model(), np.array([[0.7, 0.33], [0.8, 0.33]]), 1, silent)
+    assert check["parameters"] == [[0.7, 0.33], [0.8, 0.33]] and check["failed"] == 0
     assert main(["rom", "solve", str(trained), "--set", "u_z=0.1"]) == 2
     assert "no value for load.activation" in capsys.readouterr().err

@@ -638,7 +638,7 @@ _PATH_TABLES = (
         "tube, and section 5.3.10.3 names none. The published form locks here, and what few "
         "modes miss of such a state changes by factors with the support and the number of "
         "points; the published numbers lie between those of 3h and 4h (docs/reduced.md; `myork "
-        "rom inputs/muscle_block.toml` with the overrides above, --set geometry.source=[5,5,9] "
+        "rom inputs/muscle_block.toml` with its overrides, --set geometry.source=[5,5,9] "
         "--set geometry.collocation=[9,9,17] and --set approximation.support=4). sigma_max and "
         f"the final activation, which scale the errors, are not given either. {_TOLERANCE}",
     ),

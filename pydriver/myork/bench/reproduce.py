@@ -339,7 +339,8 @@ def reproduce(
                 pictures[entry.name] = entry.picture.draw(found)
                 (out / "reproduced").mkdir(exist_ok=True)
                 write_figure(out / _picture(entry.name), pictures[entry.name])
-            show(_text(entry, rows[entry.name], entry.name in pictures))
+            text = _text(entry, rows[entry.name], entry.name in pictures)
+            show("\n".join([*_runs_text(entry), text]))
             # after each one: a later one that is stopped costs nothing that was computed
             done = [own for own in order if own.name in rows]
             content["rows"] = [row for own in done for row in rows[own.name]]
@@ -441,9 +442,8 @@ def _heading(name: str) -> str:
 
 
 def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
-    """A table as the command prints it and as `reproduce.md` has it."""
+    """A table as `reproduce.md` has it."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
-    lines += [*(f"`{line}`" for line in _runs_text(entry)), ""]
     heads, cells = _grid(entry, rows, r" \*")
     lines += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
     lines += [f"| {' | '.join(line)} |" for line in cells]
@@ -532,8 +532,8 @@ def _markdown(content: Mapping[str, Any], done: Sequence[Table], texts: Sequence
     lines = [
         "# The dissertation's tables and figures",
         "",
-        f"Written by `{_call(done)}` {_about(content, done)} `myork reproduce --list` names decks "
-        "and costs of all; figures without numbers are at its end.",
+        f"Written by `{_call(done)}` {_about(content, done)} The command prints the decks with "
+        "their overrides, `myork reproduce --list` the costs, and figures without numbers.",
         "",
     ]
     return "\n".join([*lines, *texts])

@@ -56,7 +56,7 @@ def unknowns_of(
         raise errors.InputError("start: its points are not those of this scene")
     if start.approximation != approximation:
         raise errors.InputError(
-            f"start: its approximation is {start.approximation or 'not known'}, that of this "
-            f"scene is {approximation}"
+            f"start: its approximation is {start.approximation}, that of this scene is "
+            f"{approximation}"
         )
     return shaped("start", start.coefficients, (dofs,))

@@ -53,7 +53,6 @@ class Scene:
     - `source_points`, `collocation_points`: numbers of points
     - `dofs`, `rows`: unknowns and equations
     - `steps`: load steps
-    - `stencils`: number of different stencils of the shape functions
     - `points_found`: overrides that give the deck the points that its search found; none where
       nothing was searched
 
@@ -158,7 +157,7 @@ class Scene:
             self.rows,
             self._probes,
             self.steps,
-            self.stencils,
+            _,
         ) = answer(handle, "sizes")["sizes"].tolist()
         self._unknowns = 0
 

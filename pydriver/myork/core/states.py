@@ -20,9 +20,7 @@ class States(NamedTuple):
     #: Smallest and largest volume ratio, shape `(nstep,)`
     min_j: F64
     max_j: F64
-    #: Wall times of assembly and least squares [s]
-    assemble_s: float
-    solve_s: float
+    solve_s: float  #: Wall time of the linear solutions [s]
     checks_s: float  #: Wall time of what follows `backward_error` [s]
     backward_error: float  #: Largest backward error of a least squares solution
     #: Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
@@ -90,7 +88,6 @@ def states_of(found: Mapping[str, Any]) -> States:
         iterations=info[1].astype(np.int64),
         min_j=info[2],
         max_j=info[3],
-        assemble_s=float(seconds[0]),
         solve_s=float(seconds[1]),
         checks_s=float(seconds[2]),
         backward_error=float(worst[0]),

@@ -67,10 +67,7 @@ def typeset(text: str) -> str:
 
 def probe_units(summary: Mapping[str, Any]) -> dict[str, str]:
     """Unit of each probe of a summary by its name; empty for ratios."""
-    units = summary.get("probe_units") or {}
-    # folders of earlier versions have none
-    names = [name for step in summary.get("steps") or [] for name in step.get("probes") or {}]
-    return {name: unit_of(units, name, "") for name in [*units, *names]}
+    return {name: typeset(unit) for name, unit in summary.get("probe_units", {}).items()}
 
 
 def labelled(name: str, unit: str) -> str:

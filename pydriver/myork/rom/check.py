@@ -1,13 +1,13 @@
 """A reduced model against the full one at parameters that its training did not see."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from myork.console import ProgressCallback
-from myork.errors import ConvergenceError, InputError
+from myork.errors import ConvergenceError
 from myork.rom.full import FullModel, FullState
 from myork.rom.marks import LOST, Marks
 from myork.rom.model import Batch, ReducedModel
@@ -35,37 +35,26 @@ class Tests(NamedTuple):
 
 
 def compare(
-    rom: ReducedModel,
-    full: FullModel,
-    points: int,
-    seed: int,
-    progress: ProgressCallback,
-    ranges: Mapping[str, tuple[float, float]] | None = None,
+    rom: ReducedModel, full: FullModel, points: int, seed: int, progress: ProgressCallback
 ) -> dict[str, Any]:
-    """Errors and times at unseen points of the range, or of other `ranges` by key or last word.
+    """Errors and times at unseen points of the range: what `check.json` holds."""
+    return compare_at(rom, full, spread_points(rom.parameters, points, seed), seed, progress)
+
+
+def compare_at(
+    rom: ReducedModel, full: FullModel, values: F64, seed: int, progress: ProgressCallback
+) -> dict[str, Any]:
+    """The same at values of the parameters, shape `(n, p)`.
 
     Displacements are compared in L2 over the body, with that of the same state (`median`, `p95`,
     `max`) and with the largest of all states (`max_of_largest`).
-
-    - returns what `check.json` holds; with other `ranges` also all ranges of the points, by key
-    - raises InputError: a range of a key that is no parameter, or whose ends are exchanged
     """
-    other = {rom.key_of(name): ends for name, ends in (ranges or {}).items()}
-    for key, (low, high) in other.items():
-        if not (np.isfinite([low, high]).all() and low <= high):
-            raise InputError(f"{key}: a range needs LOW <= HIGH, not {low} and {high}")
-    own = {p.key: (p.low, p.high) for p in rom.parameters} | other
-    parameters = [p._replace(low=own[p.key][0], high=own[p.key][1]) for p in rom.parameters]
 
     def guess(values: F64) -> list[F64 | None]:
         found = rom.batch(values)
         return started(found.amplitudes, found.converged, rom.basis)
 
-    values = spread_points(parameters, points, seed)
-    found = measure(rom, solve_tests(full, rom.parameters, values, seed, guess, progress))
-    if other:
-        found["ranges"] = {key: list(ends) for key, ends in own.items()}
-    return found
+    return measure(rom, solve_tests(full, rom.parameters, values, seed, guess, progress))
 
 
 def started(amplitudes: F64, converged: Mask, basis: F64) -> list[F64 | None]:

@@ -252,11 +252,8 @@ class ReducedModel:
         if c:
             u, force, sure, rough = c["u"], c["force"], c["certified"], c["regression"]["force"]
             head = self.head
-            other = ", ".join(
-                f"{k} from {a:g} to {b:g}" for k, (a, b) in c.get("ranges", {}).items()
-            )
             lines += [
-                f"{c['points']} unseen states{other and f', {other}'}, {c['failed']} failed:",
+                f"{c['points']} unseen states, {c['failed']} failed:",
                 f"  displacement: error {u['median']:.1e} in the median, {u['max']:.1e} at most",
                 f"  force: error {force['median']:.1e} in the median, {force['max']:.1e} at most",
                 f"  at the {sure['points']} that it certifies: displacement {sure['u']:.1e} of the "
