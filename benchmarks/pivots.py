@@ -6,6 +6,7 @@ import json
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -392,17 +393,20 @@ def _maps(rows: Rows) -> dict[str, Any]:
 
 
 def _halves(groups: Mapping[str, Rows], title: str, about: str) -> dict[str, Any]:
-    """Right and wrong, accepted and doubted, by groups of bodies, in the half not tuned on."""
+    """Right and wrong, accepted and doubted, by groups of bodies and halves."""
     shown = []
     for name, rows in groups.items():
-        for accuracy in dict.fromkeys(row["form"] for row in rows):
-            own = _of(rows, half="other", form=accuracy)
+        for half, accuracy in product(
+            ("tuned", "other"), dict.fromkeys(row["form"] for row in rows)
+        ):
+            own = _of(rows, half=half, form=accuracy)
             right = [row for row in own if _is_right(row)]
             held, bars, (_, sharp, _) = _bars(own)
             doubted = sum(row["verdict"] != "accepted" for row in right)
             shown.append(
                 {
                     "bodies": name,
+                    "half": half,
                     "target error": accuracy,
                     "decks": len(own),
                     "right": len(right),
@@ -418,10 +422,10 @@ def _halves(groups: Mapping[str, Rows], title: str, about: str) -> dict[str, Any
     return {
         "title": title,
         "about": f"{about} A probe is wrong if it is off by more than {WRONG:.0%} of the size of "
-        "its kind, beyond the uncertainty of the truth. Shown is the half not used for tuning. "
+        "its kind, beyond the uncertainty of the truth. The other half was not used for tuning. "
         "Bars over errors, unknowns and CPU times are medians.",
         "tables": [
-            table("Answers", shown),
+            table("Halves", shown),
         ],
     }
 
