@@ -479,9 +479,8 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
         draw_curves(list(plots)).savefig(options.out / picture, dpi=75)
         lines += ["", f"![error over CPU time: {problem}]({picture})"]
     for table in shown["tables"]:
-        lines += ["", f"{table['caption']}:", "", f"| {' | '.join(table['head'])} |"]
-        lines.append("|" + "---|" * len(table["head"]))
-        lines += [f"| {' | '.join(map(_cell, row))} |" for row in table["rows"]]
+        rows = [table["head"], *([_cell(value) for value in row] for row in table["rows"])]
+        lines += ["", f"{table['caption']}:", "", *_lines(rows)]
     return "\n".join(lines) + "\n"
 
 

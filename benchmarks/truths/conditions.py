@@ -60,6 +60,11 @@ class Ended(NamedTuple):
     stress: Callable[[int, str], float] | None
     near: float  #: By how much nodes may miss the place of a probe [length]
 
+    def probes(self, deck: Mapping[str, Any]) -> dict[str, float]:
+        """Values of the deck's probes, but of those that have none."""
+        found = {probe["name"]: self.probe(probe) for probe in deck["probe"]}
+        return {name: value for name, value in found.items() if value is not None}
+
     def probe(self, probe: Mapping[str, Any]) -> float | None:
         """Value of a table `[[probe]]`; None where no node lies there, or has no such value."""
         kind, _, component = probe["quantity"].partition("_")

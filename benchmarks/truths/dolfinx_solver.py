@@ -261,9 +261,8 @@ class _Solve:
             on = self._on(name)
             return on, force[on]
 
-        ended = Ended(self.points, ends, pull, self._stress, 1e-6 * self.high.max())
-        found = {probe["name"]: ended.probe(probe) for probe in self.deck["probe"]}
-        return {name: value for name, value in found.items() if value is not None}
+        near = 1e-6 * self.high.max()
+        return Ended(self.points, ends, pull, self._stress, near).probes(self.deck)
 
     def _stress(self, node: int, component: str) -> float:
         """Cauchy stress at a node: mean of the elements beside it."""
