@@ -22,6 +22,7 @@ from benchmarks.runner import Truth, Truths, record_of, solve_rivals
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
+from benchmarks.voxel_bodies import Body, body_cloud
 from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
@@ -31,7 +32,6 @@ from myork.types import F64
 NUMBERS = range(362)
 #: First number not used for tuning
 _HELD_OUT = 140
-ACCURACIES = (0.05, 0.02, 0.01)
 #: CPU time of a search, and wall time of a solve [s]
 _COST, _LIMIT = 15.0, 900.0
 #: CPU time after which meshes of a deck are given up: it has no truth then [s]
@@ -236,30 +236,39 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     return answers(problems, TRUTHS, progress, range(_HELD_OUT, NUMBERS.stop))
 
 
+def at(*accuracies: float) -> dict[str, Sequence[str]]:
+    """Overrides of each target error."""
+    return {f"{one:.0%}": (f"accuracy={one}", f"cost={_COST}") for one in accuracies}
+
+
+_ASKED = at(0.05, 0.02, 0.01)
+
+
 def answers(
-    problems: Mapping[int, Problem],
+    problems: Mapping[int, Problem | Body],
     file: Path,
     progress: ProgressCallback,
-    others: range,
-    accuracies: Sequence[float] = ACCURACIES,
+    others: Sequence[int],
+    forms: Mapping[str, Sequence[str]] = _ASKED,
 ) -> list[dict[str, Any]]:
-    """Rows of the problems, by number, with truths in a file, at each target error.
+    """Rows of the problems, by number, with truths in a file, by each form.
 
     - `others`: numbers not used for tuning
+    - `forms`: overrides by name
     """
     found = []
     for number, problem in problems.items():
         truths = known(problem.name, file)
         if truths is None:
             continue
-        for accuracy in accuracies:
-            progress(f"{problem.name}: {accuracy:.0%}")
-            words = (f"accuracy={accuracy}", f"cost={_COST}")
-            case = record_of(solve_case(problem.tables, words, limit=_LIMIT))
+        cloud = body_cloud(problem, problem.sizes[0]) if isinstance(problem, Body) else None
+        for form, words in forms.items():
+            progress(f"{problem.name}: {form}")
+            case = record_of(solve_case(problem.tables, words, cloud=cloud, limit=_LIMIT))
             found.append(
                 {
                     "problem": problem.name,
-                    "form": f"{accuracy:.0%}",
+                    "form": form,
                     "size": "chosen",
                     "half": "other" if number in others else "tuned",
                     **case,
