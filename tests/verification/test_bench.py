@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmarks import runner
@@ -16,12 +15,9 @@ from benchmarks.runner import WRONG, Truth, Truths, sized_tables
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.truths.peers import _curves
 from myork.bench import run_benches
-from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.console import silent
-from myork.core.material import Material, stress
 from myork.errors import InputError
 from tests.scenes import refuses
 
@@ -98,29 +94,6 @@ def test_race(tmp_path: Path) -> None:
     known = [race for race in bench["races"] if race["ratio"] is not None]
     assert all(race["error"] >= 2 * race["doubt"] for race in known)
     assert len(bench["plots"]) == 4
-
-
-def test_compiled_peers_get_the_curves_of_the_core() -> None:
-    """Forces of fibers that dolfinx gets, piece by piece, beside those in the core's stress."""
-    table = dict(MUSCLE, sigma_max=30.0, lambda_o=1.0, gamma1=0.05, gamma2=6.6, curve="smooth")
-    stretches = np.linspace(0.2, 1.9, 60)
-    f = np.array([np.diag([s, s**-0.5, s**-0.5]) for s in stretches])
-
-    def axial(activation: float, **other: float) -> Any:
-        law = Material.of_table({**table, **other})
-        return stress(law, f, fiber=(1.0, 0.0, 0.0), activation=activation)[:, 0, 0]
-
-    def value(pieces: Any, at: float) -> float:
-        piece = next(piece for piece in reversed(pieces) if at > piece["start"])
-        t = at - piece["centre"]
-        grown = piece.get("amplitude", 0.0) * np.exp(piece.get("rate", 0.0) * t)
-        return float(np.polynomial.Polynomial(piece["c"])(t) + grown)
-
-    # of a uniaxial stress two thirds are deviatoric
-    wanted = (axial(1.0) - axial(0.0), axial(0.0) - axial(0.0, gamma1=0.0))
-    for pieces, part in zip(_curves(table), wanted, strict=True):
-        found = [20.0 * value(pieces, at) for at in stretches]
-        np.testing.assert_allclose(found, part, rtol=1e-9, atol=1e-9)
 
 
 def test_trust(tmp_path: Path) -> None:
