@@ -147,40 +147,28 @@ def _scale(boundary: list[dict[str, Any]], length: float) -> None:
             entry["traction"] = np.round(np.divide(entry["traction"], length**2), 4).tolist()
 
 
-def _plane_loads(rng: Rng, shear: float) -> Parts:
-    way = str(rng.choice(["pulled", "sheared", "traction", "plates", "turned", "slipped"]))
+def _box_loads(nd: int, rng: Rng, shear: float) -> Parts:
+    """Loads of a sheet along x, of a block along z; the other side is clamped or a mirror."""
+    last = "turned" if nd == 2 else "twisted"
+    way = str(rng.choice(["pulled", "sheared", "traction", "plates", last, "slipped"]))
     pull = float(rng.choice([-1, 1, 1]) * rng.uniform(0.05, 0.2))
+    push = shear * rng.uniform(-0.15, 0.3, nd) * ([1.0, 1.0] if nd == 2 else [1.0, 0.0, 1.0])
+    along, across = ("x", "y") if nd == 2 else ("z", "x")
+    end = f"{along}1"
     far: dict[str, dict[str, Any]] = {
-        "pulled": held("x1", 2, u_x=2.0 * abs(pull)),
-        "sheared": held("x1", 2, u_y=2.0 * pull),
-        "traction": {"set": "x1", "traction": (shear * rng.uniform(-0.15, 0.3, 2)).tolist()},
-        "plates": held("x1", 2, u_x=pull),
-        "turned": {"set": "x1", "rotation": 200 * pull, "about": [1.0, 0.5]},
-        "slipped": {"set": "x1", "u_x": pull},
-    }
-    if way == "plates":
-        near = [{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}]
-        return [*near, far[way]], way
-    return [held("x0", 2), far[way]], way
-
-
-def _solid_loads(rng: Rng, shear: float) -> Parts:
-    way = str(rng.choice(["pulled", "sheared", "traction", "plates", "twisted", "slipped"]))
-    pull = float(rng.choice([-1, 1, 1]) * rng.uniform(0.05, 0.2))
-    push = shear * rng.uniform(-0.15, 0.3, 3) * [1.0, 0.0, 1.0]
-    far: dict[str, dict[str, Any]] = {
-        "pulled": held("z1", u_z=2.0 * abs(pull)),
-        "sheared": held("z1", u_x=2.0 * pull),
-        "traction": {"set": "z1", "traction": push.tolist()},
-        "plates": held("z1", u_z=pull),
-        "twisted": {"set": "z1", "rotation": 300 * pull, "axis": [0, 0, 1],
+        "pulled": held(end, nd, **{f"u_{along}": 2.0 * abs(pull)}),
+        "sheared": held(end, nd, **{f"u_{across}": 2.0 * pull}),
+        "traction": {"set": end, "traction": push.tolist()},
+        "plates": held(end, nd, **{f"u_{along}": pull}),
+        "turned": {"set": end, "rotation": 200 * pull, "about": [1.0, 0.5]},
+        "twisted": {"set": end, "rotation": 300 * pull, "axis": [0, 0, 1],
                     "about": [0.5, 0.5, 1.0]},
-        "slipped": {"set": "z1", "u_z": pull},
+        "slipped": {"set": end, f"u_{along}": pull},
     }  # fmt: skip
     if way == "plates":
-        near = [{"set": f"{a}0", f"u_{a}": 0.0} for a in "xyz"]
+        near = [{"set": f"{axis}0", f"u_{axis}": 0.0} for axis in "xyz"[:nd]]
         return [*near, far[way]], way
-    return [held("z0"), far[way]], way
+    return [held(f"{along}0", nd), far[way]], way
 
 
 def _ring_loads(rng: Rng, _: float) -> Parts:
@@ -198,8 +186,8 @@ def _ring_loads(rng: Rng, _: float) -> Parts:
 
 
 _LOADS: Mapping[str, Callable[[Rng, float], Parts]] = {
-    "plane": _plane_loads,
-    "solid": _solid_loads,
+    "plane": partial(_box_loads, 2),
+    "solid": partial(_box_loads, 3),
     "ring": _ring_loads,
 }
 _BODIES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
