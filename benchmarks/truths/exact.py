@@ -74,6 +74,7 @@ class Tube(NamedTuple):
     place: F64  #: Undeformed radii, shape `(n,)` [length]
     radius: F64  #: Deformed radii, shape `(n,)` [length]
     radial: F64  #: Radial Cauchy stress, shape `(n,)` [stress]
+    hoop: F64  #: Hoop Cauchy stress, shape `(n,)` [stress]
 
 
 def tube(
@@ -125,8 +126,9 @@ def tube(
         raise ConvergenceError(f"radial boundary value problem of the tube: {answer.message}")
     at = np.atleast_1d(np.asarray(inner if place is None else place, float))
     y = answer.sol(at)
-    # Cauchy stress: P_rr over the hoop stretch
-    return Tube(at, y[0], y[1] * at / y[0])
+    stretch, _, p_tt = state(at, y)
+    # Cauchy stress: P_rr over the hoop stretch, P_tt over the radial one
+    return Tube(at, y[0], y[1] * at / y[0], p_tt / stretch)
 
 
 def inner_stress(deck: Mapping[str, Any], bulk: float | None = None) -> float:
