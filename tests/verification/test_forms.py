@@ -13,7 +13,6 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
 from benchmarks.truths import exact, manufactured
-from benchmarks.truths.measures import observed_order, oscillation
 from myork.core.scene import Scene
 from myork.errors import InputError
 from tests import scenes
@@ -184,24 +183,6 @@ def test_homogeneous_states_are_exact(open_scene, method, n, bulk, ends, near_f,
 CUBIC = ("approximation.order=1", "approximation.support=1.65", "approximation.kernel=cubic")
 
 
-@pytest.mark.parametrize("method", WEAK)
-def test_simple_shear_without_change_of_volume_is_exact(open_scene, method):
-    """Held at four sides, free at the two that set the pressure."""
-    tables = scene(
-        method, box(4, 4, 4, places=(3, 3, 3)), approximation=LINEAR, material=[RIGID],
-        boundary=[held(side) for side in SIDES[:4]], galerkin={"gauss": 2},
-    )  # fmt: skip
-    opened = open_scene(tables)
-    x = opened.field_points()
-    u = 0.8 * x[:, [1]] * [1, 0, 0]
-    opened.set_fields(0 * u, u, np.zeros((len(x), 3, 3)))
-    fields = opened.fields(opened.solve(error=False).x[-1], 1.0)
-    wanted = exact.simple_shear(exact.Polynomial.from_deck(RIGID, np.inf), 0.8)
-    assert_allclose(fields.cauchy[:, 3], wanted, rtol=1e-8)
-    assert_allclose(fields.cauchy[:, 2], 0.0, atol=1e-8 * wanted)
-    assert_allclose(np.linalg.det(fields.f), 1.0, atol=1e-10)
-
-
 # ---- tangents ------------------------------------------------------------------------------------
 
 FIBERS = {
@@ -319,8 +300,9 @@ def test_orders(name):
     which, method, sizes, least_u, least_stress, bound = ORDERS[name]
     cases = [manufactured.solve(which, method, n) for n in sizes]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
-    assert observed_order(cases, "u_error") > least_u
-    assert observed_order(cases, "stress_error") > least_stress
+    for key, least in (("u_error", least_u), ("stress_error", least_stress)):
+        errors, spacings = ([case[own] for case in cases] for own in (key, "h"))
+        assert np.diff(np.log(errors)) / np.diff(np.log(spacings)) > least, key
     assert cases[-1]["u_error"] < bound
 
 
@@ -424,7 +406,7 @@ def test_stress_does_not_alternate_from_cell_to_cell(inputs):
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     line = np.isclose(points[:, 1:], middle[1:]).all(axis=1)
     assert line.sum() == 33
-    assert oscillation(stress[line]) < 0.03
+    assert np.abs(np.diff(stress[line], 2)).max() < 0.03 * abs(np.mean(stress[line]))
 
 
 @pytest.mark.parametrize("method", WEAK)
@@ -522,25 +504,6 @@ def test_values_follow_amplitudes_and_rotations(open_scene):
         assert_allclose(found["z0"][k], -force, atol=1e-7 * np.abs(force).max())
         assert found["t1"][k, 0] == pytest.approx(-found["t0"][k, 0], rel=1e-6)
     assert abs(found["t1"][-2, 0]) > 0.5
-
-
-def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
-    """Three sets, corners that two of them hold; the forces of the planes balance the wall's."""
-    walls = [{"set": "inner", "radial": 0.5}, *scenes.PLANES[:2]]
-    tables = sheared(
-        2, "rkpm-gauss", boundary=walls, geometry=scenes.annulus(4, 13, places=(4, 13))
-    )
-    tables["probe"] = forces(*(wall["set"] for wall in walls))
-    opened = open_scene(tables)
-    found = solved(opened)
-    x, u = opened.points(), found.fields.u
-    inner = np.isclose(np.linalg.norm(x, axis=1), 6)
-    assert_allclose(u[inner, :2], 0.5 * x[inner] / 6, atol=NEARLY)
-    assert np.abs(u[np.isclose(x[:, 0], 0), 0]).max() < NEARLY
-    assert np.abs(u[np.isclose(x[:, 1], 0), 1]).max() < NEARLY
-    pull = np.array(list(found.ends().values()))
-    assert_allclose(pull.sum(axis=0)[:2], 0, atol=1e-7 * np.abs(pull).max())
-    assert np.abs(pull[0]).max() > 1
 
 
 def test_force_is_the_derivative_of_the_energy():
