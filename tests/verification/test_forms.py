@@ -12,7 +12,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.optimize import brentq
 
-from benchmarks.truths import exact, manufactured
+from benchmarks.truths import manufactured
 from myork.core.scene import Scene
 from myork.errors import InputError
 from tests import scenes
