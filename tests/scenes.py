@@ -236,6 +236,17 @@ def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> 
     return loaded("auto", body, RUBBER, "x0 x1", end, "tip u_y 4 0.5") | tables
 
 
+def pushed(push: float, **tables: Any) -> dict[str, Any]:
+    """A block between rollers, pressed by 43 %, and then under a dead load aside."""
+    return scene(
+        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)],
+        boundary=[*PLANES[:2], {"set": "y1", "u_y": -0.43, "amplitude": "press"},
+                  {"set": "x1", "traction": [push, 0], "amplitude": "push"}],
+        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
+                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
+    ) | {"load": {"steps": 2}} | tables  # fmt: skip
+
+
 def contracting(*source: int, **tables: Any) -> dict[str, Any]:
     """A deck of a block of active muscle with inclined fibers, one end of which moves."""
     muscle = {**materials.MUSCLE, "sigma_max": 30, "fiber_angle": 20}

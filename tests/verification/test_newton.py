@@ -101,15 +101,7 @@ def test_a_load_that_no_state_carries_costs_few_iterations() -> None:
 def test_the_last_attempt_is_let_run(push: float) -> None:
     """A block under a dead load of hundreds of its modulus: only a slow attempt, or one with a far
     first iterate, converges."""
-    tables = scene(
-        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2},
-        boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
-                  {"set": "y1", "u_y": -0.43, "amplitude": "press"},
-                  {"set": "x1", "traction": [push, 0], "amplitude": "push"}],
-        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
-                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
-    )  # fmt: skip
-    with Scene.from_tables(tables) as body:
+    with Scene.from_tables(scenes.pushed(push)) as body:
         assert body.solve(error=False).load[-1] == 1.0
 
 

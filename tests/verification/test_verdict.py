@@ -329,16 +329,8 @@ def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
     """A block pressed by 43 % between rollers is stable, although its tangent is not definite: a
     push that fails afterwards has not lost the branch there.
     """
-    tables = scene(
-        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2, "max_halvings": 0},
-        boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
-                  {"set": "y1", "u_y": -0.43, "amplitude": "press"},
-                  {"set": "x1", "traction": [-300, 0], "amplitude": "push"}],
-        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
-                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
-        solver={"max_iterations": 6},
-    )  # fmt: skip
-    with Scene.from_tables(tables) as body:
+    few = {"load": {"steps": 2, "max_halvings": 0}, "solver": {"max_iterations": 6}}
+    with Scene.from_tables(scenes.pushed(-300, **few)) as body:
         said = refuses("last converged load 0.5", body.solve, error=False, kind=ConvergenceError)
     assert "the branch is lost" not in said
     assert said.endswith("; use more load.steps or points, or less load")
