@@ -20,6 +20,18 @@ def side_of(name: str, ring: bool) -> tuple[int, int]:
     return AXES.index(name[0]), int(name[1])
 
 
+def fiber_of(table: Mapping[str, Any], plane: bool) -> tuple[float, float, float]:
+    """Unit vector of a material's fibers, zeros where it has none."""
+    if table.get("fiber_angle") is not None:
+        angle = np.radians(float(table["fiber_angle"]))
+        across, along = float(np.sin(angle)), float(np.cos(angle))
+        return (across, along, 0.0) if plane else (across, 0.0, along)
+    if table.get("fiber") is not None:
+        unit = np.asarray(table["fiber"], float) / np.linalg.norm(table["fiber"])
+        return (float(unit[0]), float(unit[1]), float(unit[2]))
+    return (0.0, 0.0, 0.0)
+
+
 def moved(entry: Mapping[str, Any], points: Any, load: float = 1.0) -> dict[int, Any]:
     """Displacements that a set prescribes, by axis: a number or one for each node.
 
