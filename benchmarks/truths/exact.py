@@ -71,7 +71,6 @@ class Polynomial(NamedTuple):
 class Tube(NamedTuple):
     """Inflated tube in plane strain."""
 
-    place: F64  #: Undeformed radii, shape `(n,)` [length]
     radius: F64  #: Deformed radii, shape `(n,)` [length]
     radial: F64  #: Radial Cauchy stress, shape `(n,)` [stress]
     hoop: F64  #: Hoop Cauchy stress, shape `(n,)` [stress]
@@ -128,7 +127,7 @@ def tube(
     y = answer.sol(at)
     stretch, _, p_tt = state(at, y)
     # Cauchy stress: P_rr over the hoop stretch, P_tt over the radial one
-    return Tube(at, y[0], y[1] * at / y[0], p_tt / stretch)
+    return Tube(y[0], y[1] * at / y[0], p_tt / stretch)
 
 
 def inner_stress(deck: Mapping[str, Any], bulk: float | None = None) -> float:

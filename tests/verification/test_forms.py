@@ -248,7 +248,7 @@ def test_a_symmetry_plane_beside_a_held_wall_carries_its_force():
 
 
 PROBLEMS = {problem.name: problem for problem in manufactured.PROBLEMS}
-MILD = [manufactured.Problem("muscle", 2, (50.0, 50.0), n, n + 1.0, ()) for n in (1, 2)]
+MILD = [manufactured.Problem("muscle", 2, (50.0, 50.0), n, n + 1.0) for n in (1, 2)]
 #: Problem, form, points along an edge, least orders of displacement and stress, and a bound on the
 #: displacement's error at the finer size. Galerkin forms have 2 and 1 with a linear basis, 3 and 2
 #: with a quadratic one, less what is left of the next order; the others a little below what was
