@@ -593,6 +593,8 @@ def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dic
 
 # ---- all of them ---------------------------------------------------------------------------------
 
+#: Modules of the views of random problems, whose truths are found beforehand
+RANDOM: Mapping[str, Any] = {"unseen": unseen, "layers": unseen_layers, "maps": unseen_maps}
 #: Rows that a view shows, and what it makes of them; the race times them itself
 PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] | None]] = {
     "trust": (_every_form, _trust),
@@ -600,10 +602,7 @@ PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] 
     "curves": (_every_form, _curves),
     "newcomer": (_twenty_decks, _newcomer),
     "certify": (_boxes, _certify),
-    **{
-        name: (module.rows, partial(_halves, view=name))
-        for name, module in (("unseen", unseen), ("layers", unseen_layers), ("maps", unseen_maps))
-    },
+    **{name: (module.rows, partial(_halves, view=name)) for name, module in RANDOM.items()},
     "race": (_race, None),
 }
 
@@ -612,20 +611,16 @@ def view(
     name: str,
     progress: ProgressCallback,
     quick: bool,
-    solved: dict[Any, Any],
+    solved: dict[Any, Any] | None = None,
     only: Sequence[str] = (),
 ) -> dict[str, Any]:
     """A view of rows, which are solved where `solved` lacks them; `cases` are the rows.
 
-    Of all or of some problems `only`, which `runner.OF_SOME` can.
+    Of all or of some problems `only`, which `runner.OF_SOME` can; see `benchmarks.bench`.
     """
     solve, shown = PIVOTS[name]
+    solved = {} if solved is None else solved
     if solve not in solved:
         solved[solve] = solve(progress, quick, *([only] if only else []))
     rows = solved[solve]
     return rows if shown is None else {"cases": rows, **shown(rows)}
-
-
-def run(name: str, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """A view as a benchmark; see `benchmarks.bench` for the result."""
-    return view(name, progress, quick, {})

@@ -69,12 +69,6 @@ _LIMIT = 300.0
 _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
-#: Views of rows in `benchmarks/pivots.py`
-VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "layers", "maps", "race")
-#: Modules of the views of random problems, whose truths are found beforehand
-RANDOM = {"unseen": "unseen", "layers": "unseen_layers", "maps": "unseen_maps"}
-#: Benchmarks of `studies.py`
-STUDIES = ("linear", "nonlinear", "rom")
 #: Views that can be of some problems
 OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
@@ -414,11 +408,10 @@ def main(*words: str) -> None:
         _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
                      words[1:])  # fmt: skip
         return
-    from benchmarks import studies, unseen
-    from benchmarks.pivots import view
+    from benchmarks import pivots, studies, unseen
 
-    if words[:1] == ("truths",) and words[1:2] and words[1] in RANDOM:
-        module = import_module(f"benchmarks.{RANDOM[words[1]]}")
+    if words[:1] == ("truths",) and words[1:2] and words[1] in pivots.RANDOM:
+        module = pivots.RANDOM[words[1]]
         numbers = range(*map(int, words[2:])) if words[2:] else module.NUMBERS
         unseen.fill(module.TRUTHS, module.wanted(numbers))
         return
@@ -426,7 +419,8 @@ def main(*words: str) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *STUDIES, *modules])
+    names = [*pivots.PIVOTS, *studies.STUDIES, *modules]
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=names)
     parser.add_argument("--quick", action="store_true", help="small cases only")
     parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
                         help=f"this problem of {', '.join(OF_SOME)}; may be repeated")  # fmt: skip
@@ -437,12 +431,11 @@ def main(*words: str) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        if name not in STUDIES:
-            shown = view(name, print, options.quick, solved, options.only)
-        else:
-            shown = studies.run(name, print, options.quick)
+        study = name in studies.STUDIES
+        run = studies.run if study else partial(pivots.view, solved=solved, only=options.only)
+        shown = run(name, print, options.quick)
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
-        if name in STUDIES:
+        if study:
             continue
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
@@ -471,7 +464,7 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
         "",
         f"Written by `{call}` on {about['date'][:10]} (MyoRK {about['version']}, "
         f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
-        f"{shown['about']}{'' if name in STUDIES else ' Each solve is a row of `results.json`.'}",
+        f"{shown['about']}{'' if 'rows' in shown else ' Each solve is a row of `results.json`.'}",
     ]
     plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
     for problem, plots in plots_of:

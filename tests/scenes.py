@@ -190,11 +190,6 @@ def forces(*sets: str) -> list[dict[str, Any]]:
     return probes(*(f"{name} force {name}" for name in sets))
 
 
-def places(point: Any, *quantities: str) -> list[dict[str, Any]]:
-    """Probes of quantities at a point, by the names of the quantities."""
-    return [{"name": name, "quantity": name, "point": list(point)} for name in quantities]
-
-
 def probes(*lines: str | dict[str, Any]) -> list[dict[str, Any]]:
     """Probes as tables, or by name, quantity and what they are of: a set, a point or nothing."""
     found: list[dict[str, Any]] = []

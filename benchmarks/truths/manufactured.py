@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.truths.compiled import shape_functions
+from benchmarks.truths.deck_parts import held
 from myork.core import material as core_material
 from myork.core.scene import Scene
 from myork.errors import MyorkError
@@ -37,8 +38,6 @@ class Problem(NamedTuple):
     #: Basis and support over spacing
     order: int
     support: float
-    #: Faces whose displacement is prescribed; the others carry tractions
-    held: tuple[str, ...] = ("x0", "x1")
 
 
 PROBLEMS = (
@@ -195,9 +194,8 @@ def _tables(problem: Problem, method: str, n: int) -> dict[str, Any]:
             "support": problem.support,
             "interface": _INTERFACE * (n - 1),
         },
-        "boundary": [
-            {"set": face, **{f"u_{axis}": 0 for axis in "xyz"[:nd]}} for face in problem.held
-        ],
+        # the other faces carry tractions
+        "boundary": [held("x0", nd), held("x1", nd)],
         "load": {"steps": 1, "max_halvings": 0, "activation": _ACTIVATION},
         "solver": {"max_iterations": 60},
         "mixed": {"edge_exponent": 0},

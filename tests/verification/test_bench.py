@@ -54,7 +54,7 @@ def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.Monke
     def fails(*_: Any) -> dict[str, Any]:
         raise InputError("it is off")
 
-    monkeypatch.setattr("benchmarks.pivots.run", fails)
+    monkeypatch.setattr("benchmarks.pivots.view", fails)
     record = run_benches(["trust", "nonlinear"], tmp_path, quick=True)
     assert record["benches"]["trust"]["ended"] == "InputError: it is off"
     assert record["benches"]["nonlinear"]["cases"]
