@@ -55,9 +55,9 @@ def box(
     )
 
 
-def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
+def jittered(cloud: PointCloud, share: float) -> PointCloud:
     """Points moved by up to a share of the spacing, those on faces within their faces."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(7)
     low, high = cloud.source.min(axis=0), cloud.source.max(axis=0)
 
     def shaken(x: F64, spacing: F64) -> F64:
@@ -69,12 +69,10 @@ def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
     )
 
 
-def graded(cloud: PointCloud, power: float) -> PointCloud:
-    """Points drawn towards the planes x, y, z = 0: each coordinate to a power of its share."""
+def graded(cloud: PointCloud) -> PointCloud:
+    """Points drawn towards the planes x, y, z = 0: each coordinate to the cube of its share."""
     high = cloud.source.max(axis=0)
-    moved = _moved(
-        cloud, high * (cloud.source / high) ** power, high * (cloud.points / high) ** power
-    )
+    moved = _moved(cloud, high * (cloud.source / high) ** 3, high * (cloud.points / high) ** 3)
     width = _widths(moved.points, high)
     area = _areas(width, moved.boundary_point, moved.boundary_set)
     return replace(moved, volume=width.prod(axis=1), area=area)

@@ -111,7 +111,7 @@ def test_a_rotated_problem_has_the_rotated_answer() -> None:
 @pytest.mark.parametrize("body", [
     *(jittered(box(CUBE, (5, 5, 5), (9, 9, 9)), far) for far in (0.3, 0.9)),
     jittered(box((1.0, 2.0, 10.0), (5, 5, 5), (9, 9, 9)), 0.3),
-    graded(box(CUBE, (5, 5, 5), (9, 9, 9)), 3.0),
+    graded(box(CUBE, (5, 5, 5), (9, 9, 9))),
 ], ids=["jittered", "random", "long and jittered", "graded 1 : 37"])  # fmt: skip
 def test_homogeneous_tension_on_any_cloud(body: PointCloud, order: int) -> None:
     """Linear fields are in the space of any cloud, to rounding times the condition of the rows."""
@@ -135,7 +135,7 @@ def changed(name: str, value: float) -> PointCloud:
 
 @pytest.mark.parametrize(("body", "method", "said"), [
     *((box((1.0, 1.0, 0.2), (5, 5, n), (9, 9, 2 * n - 1)), "rkcm", "point") for n in (1, 2)),
-    (replace(graded(SOLID, 3.0), spacing=SOLID.spacing), "rkcm", "support"),
+    (replace(graded(SOLID), spacing=SOLID.spacing), "rkcm", "support"),
     *((SOLID, method, "a model of voxels") for method in ("rkpm-gauss", "rkpm-scni")),
     (SOLID, "rkcm-mixed", "a model has no lattice"),
     *((changed(name, np.nan), "rkcm", f"'{name}' must contain finite numbers")
