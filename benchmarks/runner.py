@@ -123,8 +123,8 @@ class Truths(NamedTuple):
         - `probes`, `bars`: values and error bars, by name
         - `least`: size of a probe beside the largest of its kind, at least [-]
         - returns `error`, `bar` and `doubt` of the truth by probe, relative; `off`, the largest
-          error beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
-          kind, the largest of it, and `error` followed by a name
+          error beyond the doubt; `held`, how many bars contain it; `error` followed by a kind,
+          the largest of it, or by a name
         """
         most: dict[str, float] = {}
         for name, truth in self.values.items():
@@ -141,9 +141,8 @@ class Truths(NamedTuple):
         doubt = {name: self.values[name].doubt / size[name] for name in size}
         held = [error[name] <= bar[name] + doubt[name] for name in bar]
         largest = {
-            f"{key} {kind}": max((of[n] for n in of if self.kinds[n] == kind), default=None)
+            f"error {kind}": max((error[n] for n in error if self.kinds[n] == kind), default=None)
             for kind in KINDS
-            for key, of in (("error", error), ("bar", bar))
         }
         return {
             "error": error,
@@ -307,9 +306,8 @@ def _sized(problem: Problem | Body, size: Any) -> tuple[str, dict[str, Any], Poi
 def record_of(case: dict[str, Any]) -> dict[str, Any]:
     """What the table keeps of a solve in a process of its own."""
     verdict = case.get("verdict") or {"state": "refused", "reasons": [case["message"]]}
-    kept = ("cpu_s", "iterations", "min_J", "max_J", "work_mismatch")
     return {
-        **{key: case.get(key) for key in kept},
+        "cpu_s": case.get("cpu_s"),
         "unknowns": case.get("dofs"),
         "memory": case.get("memory_peak_bytes"),
         "outcome": outcome_text(case),
@@ -339,7 +337,6 @@ def _timed_solve(
             "cpu_s": time.process_time() - begin,
             "probes": dict(zip(names, values.tolist(), strict=True)),
             "unknowns": unknowns,
-            "iterations": int(states.iterations.sum()),
             "outcome": "converged",
         }
 
