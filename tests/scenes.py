@@ -207,6 +207,13 @@ def probes(*lines: str | dict[str, Any]) -> list[dict[str, Any]]:
     return found
 
 
+def strip(*source: int, method: str = "auto", places: Any = None, **tables: Any) -> dict[str, Any]:
+    """A strip of rubber that is pulled, quick to solve in any form."""
+    body = box(*source, size=[2, 1], places=places)
+    deck = gripped(method, body, neo(10, 1000), "x0 x1", "pull force_x x1", u_x=0.2)
+    return {"title": "strip"} | deck | tables
+
+
 def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, Any]:
     """A soft beam of 4 x 1 under a dead traction on its end.
 

@@ -26,11 +26,7 @@ from tests import scenes
 from tests.scenes import CASES, refuses
 
 #: Some tenths of a second in 40 steps: long enough to be interrupted at many places
-LONG = scenes.gripped(
-    "rkcm", scenes.box(25, 7, size=[4, 1]),
-    {"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}, "y0 y1", u_x=1,
-    load={"steps": 40},
-)  # fmt: skip
+LONG = scenes.strip(25, 7, method="rkcm", load={"steps": 40})
 
 
 def long_scene(**changes):
