@@ -33,7 +33,7 @@ def run_benches(
     with alone_in(out):
         for number, name in enumerate(names, start=1):
             progress(f"bench {number}/{len(names)}  {name}")
-            study = studies.run if name in studies.STUDIES else pivots.run
+            study = studies.run if name in studies.STUDIES else pivots.view
             try:
                 record["benches"][name] = study(name, progress, quick)
             except Exception as reason:

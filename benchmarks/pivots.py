@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
@@ -352,54 +354,41 @@ def _certify(rows: Rows) -> dict[str, Any]:
 # ---- unseen: random decks without points ---------------------------------------------------------
 
 
-def _unseen(rows: Rows) -> dict[str, Any]:
-    """Answers to a target error on decks that name no points."""
-    kinds = {"sheets": "plane", "rings": "ring", "solids": "solid"}
-    return _halves(
-        {
-            "all": rows,
-            **{
-                name: [row for row in rows if f": {kind}, " in row["problem"]]
-                for name, kind in kinds.items()
-            },
-        },
+#: Groups by what stands in a problem's name, title and description of each view
+_GROUPS: Mapping[str, tuple[dict[str, str], str, str]] = {
+    "unseen": (
+        {"all": "", "sheets": ": plane, ", "rings": ": ring, ", "solids": ": solid, "},
         "Decks without points",
         "Random boxes and rings without given form or points, with a target error and "
         "15 s of CPU time; finite elements of three meshes are the truth.",
-    )
-
-
-def _layers(rows: Rows) -> dict[str, Any]:
-    """Answers to a target error on sheets and boxes of two materials."""
-    boxes = [row for row in rows if ": box, " in row["problem"]]
-    return _halves(
-        {"sheets": [row for row in rows if row not in boxes], "boxes in space": boxes},
+    ),
+    "layers": (
+        {"sheets": ": (?!box, )", "boxes in space": ": box, "},
         "Bodies of two materials",
         "Random sheets whose materials meet across, along or at a corner, and boxes in space with "
         "plates, bars and blocks, anywhere between points, moduli 1:20 to 20:1; no points are "
         "given, and finite elements of two meshes fitted to the interface are the truth.",
-    )
-
-
-def _maps(rows: Rows) -> dict[str, Any]:
-    """Answers of label maps as a user has them."""
-    return _halves(
-        {"maps": rows},
+    ),
+    "maps": (
+        {"maps": ""},
         "Random label maps",
         "Random ellipsoids, cylinders and spindles, whole or half, of one tissue or two, with 10 "
         "to 20 voxels across; their decks give no form, points or blocks. Finite elements of the "
         "true shape on two meshes are the truth.",
-    )
+    ),
+}
 
 
-def _halves(groups: Mapping[str, Rows], title: str, about: str) -> dict[str, Any]:
+def _halves(rows: Rows, view: str) -> dict[str, Any]:
     """Right and wrong, accepted and doubted, by groups of bodies and halves."""
+    groups, title, about = _GROUPS[view]
     shown = []
-    for name, rows in groups.items():
+    for name, word in groups.items():
+        group = [row for row in rows if re.search(word, row["problem"])]
         for half, accuracy in product(
-            ("tuned", "other"), dict.fromkeys(row["form"] for row in rows)
+            ("tuned", "other"), dict.fromkeys(row["form"] for row in group)
         ):
-            own = _of(rows, half=half, form=accuracy)
+            own = _of(group, half=half, form=accuracy)
             right = [row for row in own if _is_right(row)]
             held, bars, (_, sharp, _) = _bars(own)
             doubted = sum(row["verdict"] != "accepted" for row in right)
@@ -604,6 +593,8 @@ def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dic
 
 # ---- all of them ---------------------------------------------------------------------------------
 
+#: Modules of the views of random problems, whose truths are found beforehand
+RANDOM: Mapping[str, Any] = {"unseen": unseen, "layers": unseen_layers, "maps": unseen_maps}
 #: Rows that a view shows, and what it makes of them; the race times them itself
 PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] | None]] = {
     "trust": (_every_form, _trust),
@@ -611,9 +602,7 @@ PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] 
     "curves": (_every_form, _curves),
     "newcomer": (_twenty_decks, _newcomer),
     "certify": (_boxes, _certify),
-    "unseen": (unseen.rows, _unseen),
-    "layers": (unseen_layers.rows, _layers),
-    "maps": (unseen_maps.rows, _maps),
+    **{name: (module.rows, partial(_halves, view=name)) for name, module in RANDOM.items()},
     "race": (_race, None),
 }
 
@@ -622,20 +611,16 @@ def view(
     name: str,
     progress: ProgressCallback,
     quick: bool,
-    solved: dict[Any, Any],
+    solved: dict[Any, Any] | None = None,
     only: Sequence[str] = (),
 ) -> dict[str, Any]:
     """A view of rows, which are solved where `solved` lacks them; `cases` are the rows.
 
-    Of all or of some problems `only`, which `runner.OF_SOME` can.
+    Of all or of some problems `only`, which `runner.OF_SOME` can; see `benchmarks.bench`.
     """
     solve, shown = PIVOTS[name]
+    solved = {} if solved is None else solved
     if solve not in solved:
         solved[solve] = solve(progress, quick, *([only] if only else []))
     rows = solved[solve]
     return rows if shown is None else {"cases": rows, **shown(rows)}
-
-
-def run(name: str, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
-    """A view as a benchmark; see `benchmarks.bench` for the result."""
-    return view(name, progress, quick, {})

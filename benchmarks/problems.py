@@ -12,9 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.truths.deck_parts import deck, held, probe
 from benchmarks.voxel_bodies import BODIES, TWO_TISSUES, Body
-from myork.bench.materials import MUSCLE, RUBBER
 
 Sizes = tuple[tuple[int, ...], ...]
 
@@ -56,40 +54,12 @@ def probe_kind(entry: Mapping[str, Any], size: Sequence[float] | None = None) ->
 
 
 def _problem(entry: Mapping[str, Any]) -> Problem:
-    """A problem of one material.
-
-    Of its shorthands, `held` is a set without motion but for the components given, and a probe is
-    its name, quantity and set or point.
-    """
-    geometry: dict[str, Any] = {"kind": "box", "size": entry.get("box")}
-    if "ring" in entry:
-        inner, outer = entry["ring"]
-        geometry = {"kind": "annulus", "inner_radius": inner, "outer_radius": outer}
-    dimension = len(entry.get("box") or entry["ring"])
-    material = dict(entry["material"])
-    material = {"rubber": RUBBER, "muscle": MUSCLE, None: {}}[material.pop("like", None)] | material
-    boundary = []
-    for table in entry["boundary"]:
-        moved = dict(table)
-        fixed = moved.pop("held", None)
-        boundary.append(held(fixed, dimension, **moved) if fixed else moved)
-    probes = [one if isinstance(one, dict) else _probe(one) for one in entry["probe"]]
-    tables = deck(
-        entry["name"], geometry, (material,), boundary, probes, entry.get("activation", 0.0)
-    )
+    """A problem with its deck as it stands in the file."""
     race = entry.get("race")
     return Problem(
-        entry["name"], tables, _sizes(entry["sizes"]), _sizes(entry["elements"]),
+        entry["name"], entry["tables"], _sizes(entry["sizes"]), _sizes(entry["elements"]),
         race and Race(race["lines"], _sizes(race["sizes"]), _sizes(race["elements"])),
     )  # fmt: skip
-
-
-def _probe(text: str) -> dict[str, Any]:
-    name, _, what = text.partition(": ")
-    quantity, *place = what.split()
-    if quantity.startswith("force"):
-        return {"name": name, "quantity": quantity, "set": place[0]}
-    return probe(name, quantity, [float(x) for x in place])
 
 
 def _sizes(lists: Sequence[Sequence[int]]) -> Sizes:

@@ -69,12 +69,6 @@ _LIMIT = 300.0
 _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
-#: Views of rows in `benchmarks/pivots.py`
-VIEWS = ("trust", "methods", "curves", "newcomer", "certify", "unseen", "layers", "maps", "race")
-#: Modules of the views of random problems, whose truths are found beforehand
-RANDOM = {"unseen": "unseen", "layers": "unseen_layers", "maps": "unseen_maps"}
-#: Benchmarks of `studies.py`
-STUDIES = ("linear", "nonlinear", "rom")
 #: Views that can be of some problems
 OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
@@ -130,8 +124,8 @@ class Truths(NamedTuple):
         - `probes`, `bars`: values and error bars, by name
         - `least`: size of a probe beside the largest of its kind, at least [-]
         - returns `error`, `bar` and `doubt` of the truth by probe, relative; `off`, the largest
-          error beyond the doubt; `held`, how many bars contain it; `error` and `bar` followed by a
-          kind, the largest of it, and `error` followed by a name
+          error beyond the doubt; `held`, how many bars contain it; `error` followed by a kind,
+          the largest of it, or by a name
         """
         most: dict[str, float] = {}
         for name, truth in self.values.items():
@@ -148,9 +142,8 @@ class Truths(NamedTuple):
         doubt = {name: self.values[name].doubt / size[name] for name in size}
         held = [error[name] <= bar[name] + doubt[name] for name in bar]
         largest = {
-            f"{key} {kind}": max((of[n] for n in of if self.kinds[n] == kind), default=None)
+            f"error {kind}": max((error[n] for n in error if self.kinds[n] == kind), default=None)
             for kind in KINDS
-            for key, of in (("error", error), ("bar", bar))
         }
         return {
             "error": error,
@@ -314,9 +307,8 @@ def _sized(problem: Problem | Body, size: Any) -> tuple[str, dict[str, Any], Poi
 def record_of(case: dict[str, Any]) -> dict[str, Any]:
     """What the table keeps of a solve in a process of its own."""
     verdict = case.get("verdict") or {"state": "refused", "reasons": [case["message"]]}
-    kept = ("cpu_s", "iterations", "min_J", "max_J", "work_mismatch")
     return {
-        **{key: case.get(key) for key in kept},
+        "cpu_s": case.get("cpu_s"),
         "unknowns": case.get("dofs"),
         "memory": case.get("memory_peak_bytes"),
         "outcome": outcome_text(case),
@@ -346,7 +338,6 @@ def _timed_solve(
             "cpu_s": time.process_time() - begin,
             "probes": dict(zip(names, values.tolist(), strict=True)),
             "unknowns": unknowns,
-            "iterations": int(states.iterations.sum()),
             "outcome": "converged",
         }
 
@@ -415,11 +406,10 @@ def main(*words: str) -> None:
         _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
                      words[1:])  # fmt: skip
         return
-    from benchmarks import studies, unseen
-    from benchmarks.pivots import view
+    from benchmarks import pivots, studies, unseen
 
-    if words[:1] == ("truths",) and words[1:2] and words[1] in RANDOM:
-        module = import_module(f"benchmarks.{RANDOM[words[1]]}")
+    if words[:1] == ("truths",) and words[1:2] and words[1] in pivots.RANDOM:
+        module = pivots.RANDOM[words[1]]
         numbers = range(*map(int, words[2:])) if words[2:] else module.NUMBERS
         unseen.fill(module.TRUTHS, module.wanted(numbers))
         return
@@ -427,7 +417,8 @@ def main(*words: str) -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=[*VIEWS, *STUDIES, *modules])
+    names = [*pivots.PIVOTS, *studies.STUDIES, *modules]
+    parser.add_argument("names", metavar="NAME", nargs="+", choices=names)
     parser.add_argument("--quick", action="store_true", help="small cases only")
     parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
                         help=f"this problem of {', '.join(OF_SOME)}; may be repeated")  # fmt: skip
@@ -438,12 +429,11 @@ def main(*words: str) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        if name not in STUDIES:
-            shown = view(name, print, options.quick, solved, options.only)
-        else:
-            shown = studies.run(name, print, options.quick)
+        study = name in studies.STUDIES
+        run = studies.run if study else partial(pivots.view, solved=solved, only=options.only)
+        shown = run(name, print, options.quick)
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
-        if name in STUDIES:
+        if study:
             continue
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
@@ -472,7 +462,7 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
         "",
         f"Written by `{call}` on {about['date'][:10]} (MyoRK {about['version']}, "
         f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
-        f"{shown['about']}{'' if name in STUDIES else ' Each solve is a row of `results.json`.'}",
+        f"{shown['about']}{'' if 'rows' in shown else ' Each solve is a row of `results.json`.'}",
     ]
     plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
     for problem, plots in plots_of:
@@ -480,9 +470,8 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
         draw_curves(list(plots)).savefig(options.out / picture, dpi=75)
         lines += ["", f"![error over CPU time: {problem}]({picture})"]
     for table in shown["tables"]:
-        lines += ["", f"{table['caption']}:", "", f"| {' | '.join(table['head'])} |"]
-        lines.append("|" + "---|" * len(table["head"]))
-        lines += [f"| {' | '.join(map(_cell, row))} |" for row in table["rows"]]
+        rows = [table["head"], *([_cell(value) for value in row] for row in table["rows"])]
+        lines += ["", f"{table['caption']}:", "", *_lines(rows)]
     return "\n".join(lines) + "\n"
 
 

@@ -30,10 +30,7 @@ PUBLISHED_BLOCK = (
     'material.curve="published"',
 )
 
-_KEPT = (
-    "method", "dofs", "converged", "cpu_s", "memory_peak_bytes", "verdict", "companion",
-    "work_mismatch",
-)  # fmt: skip
+_KEPT = ("method", "dofs", "converged", "cpu_s", "memory_peak_bytes", "verdict", "companion")
 
 
 def _run(words: Sequence[str | Path], limit: float) -> tuple[str, str]:
@@ -74,8 +71,8 @@ def solve_case(
     - `overrides`: `"table.key=value"` each
     - `cloud`: points of the body, where the tables want a model
     - `limit`: wall time after which the run is ended [s]
-    - returns `outcome`, `message`, and of a solve that took place `_KEPT`, `iterations`, `min_J`,
-      `max_J`, `load` (reached), `probes` and `probe_errors` (by name, at the load reached)
+    - returns `outcome`, `message`, and of a solve that took place `_KEPT`, `load` (reached),
+      `probes` and `probe_errors` (by name, at the load reached)
     """
     with tempfile.TemporaryDirectory(prefix="myork-bench-") as folder:
         path = Path(folder) / "deck.toml"
@@ -99,11 +96,6 @@ def solve_case(
     case |= {key: summary[key] for key in _KEPT if key in summary}
     steps = summary.get("steps") or []
     if steps:
-        case["iterations"] = sum(step["iterations"] for step in steps)
-        # states of linear problems have none
-        for key, most in (("min_J", min), ("max_J", max)):
-            known = [step[key] for step in steps if step[key] is not None]
-            case[key] = most(known, default=None)
         case |= {key: steps[-1][key] for key in ("load", "probes")}
         case["probe_errors"] = steps[-1].get("probe_errors", {})
     return case

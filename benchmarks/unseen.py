@@ -22,6 +22,7 @@ from benchmarks.runner import Truth, Truths, record_of, solve_rivals
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
+from benchmarks.voxel_bodies import Body, body_cloud
 from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
@@ -31,7 +32,6 @@ from myork.types import F64
 NUMBERS = range(362)
 #: First number not used for tuning
 _HELD_OUT = 140
-ACCURACIES = (0.05, 0.02, 0.01)
 #: CPU time of a search, and wall time of a solve [s]
 _COST, _LIMIT = 15.0, 900.0
 #: CPU time after which meshes of a deck are given up: it has no truth then [s]
@@ -147,40 +147,28 @@ def _scale(boundary: list[dict[str, Any]], length: float) -> None:
             entry["traction"] = np.round(np.divide(entry["traction"], length**2), 4).tolist()
 
 
-def _plane_loads(rng: Rng, shear: float) -> Parts:
-    way = str(rng.choice(["pulled", "sheared", "traction", "plates", "turned", "slipped"]))
+def _box_loads(nd: int, rng: Rng, shear: float) -> Parts:
+    """Loads of a sheet along x, of a block along z; the other side is clamped or a mirror."""
+    last = "turned" if nd == 2 else "twisted"
+    way = str(rng.choice(["pulled", "sheared", "traction", "plates", last, "slipped"]))
     pull = float(rng.choice([-1, 1, 1]) * rng.uniform(0.05, 0.2))
+    push = shear * rng.uniform(-0.15, 0.3, nd) * ([1.0, 1.0] if nd == 2 else [1.0, 0.0, 1.0])
+    along, across = ("x", "y") if nd == 2 else ("z", "x")
+    end = f"{along}1"
     far: dict[str, dict[str, Any]] = {
-        "pulled": held("x1", 2, u_x=2.0 * abs(pull)),
-        "sheared": held("x1", 2, u_y=2.0 * pull),
-        "traction": {"set": "x1", "traction": (shear * rng.uniform(-0.15, 0.3, 2)).tolist()},
-        "plates": held("x1", 2, u_x=pull),
-        "turned": {"set": "x1", "rotation": 200 * pull, "about": [1.0, 0.5]},
-        "slipped": {"set": "x1", "u_x": pull},
-    }
-    if way == "plates":
-        near = [{"set": "x0", "u_x": 0.0}, {"set": "y0", "u_y": 0.0}]
-        return [*near, far[way]], way
-    return [held("x0", 2), far[way]], way
-
-
-def _solid_loads(rng: Rng, shear: float) -> Parts:
-    way = str(rng.choice(["pulled", "sheared", "traction", "plates", "twisted", "slipped"]))
-    pull = float(rng.choice([-1, 1, 1]) * rng.uniform(0.05, 0.2))
-    push = shear * rng.uniform(-0.15, 0.3, 3) * [1.0, 0.0, 1.0]
-    far: dict[str, dict[str, Any]] = {
-        "pulled": held("z1", u_z=2.0 * abs(pull)),
-        "sheared": held("z1", u_x=2.0 * pull),
-        "traction": {"set": "z1", "traction": push.tolist()},
-        "plates": held("z1", u_z=pull),
-        "twisted": {"set": "z1", "rotation": 300 * pull, "axis": [0, 0, 1],
+        "pulled": held(end, nd, **{f"u_{along}": 2.0 * abs(pull)}),
+        "sheared": held(end, nd, **{f"u_{across}": 2.0 * pull}),
+        "traction": {"set": end, "traction": push.tolist()},
+        "plates": held(end, nd, **{f"u_{along}": pull}),
+        "turned": {"set": end, "rotation": 200 * pull, "about": [1.0, 0.5]},
+        "twisted": {"set": end, "rotation": 300 * pull, "axis": [0, 0, 1],
                     "about": [0.5, 0.5, 1.0]},
-        "slipped": {"set": "z1", "u_z": pull},
+        "slipped": {"set": end, f"u_{along}": pull},
     }  # fmt: skip
     if way == "plates":
-        near = [{"set": f"{a}0", f"u_{a}": 0.0} for a in "xyz"]
+        near = [{"set": f"{axis}0", f"u_{axis}": 0.0} for axis in "xyz"[:nd]]
         return [*near, far[way]], way
-    return [held("z0"), far[way]], way
+    return [held(f"{along}0", nd), far[way]], way
 
 
 def _ring_loads(rng: Rng, _: float) -> Parts:
@@ -198,8 +186,8 @@ def _ring_loads(rng: Rng, _: float) -> Parts:
 
 
 _LOADS: Mapping[str, Callable[[Rng, float], Parts]] = {
-    "plane": _plane_loads,
-    "solid": _solid_loads,
+    "plane": partial(_box_loads, 2),
+    "solid": partial(_box_loads, 3),
     "ring": _ring_loads,
 }
 _BODIES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
@@ -236,30 +224,39 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     return answers(problems, TRUTHS, progress, range(_HELD_OUT, NUMBERS.stop))
 
 
+def at(*accuracies: float) -> dict[str, Sequence[str]]:
+    """Overrides of each target error."""
+    return {f"{one:.0%}": (f"accuracy={one}", f"cost={_COST}") for one in accuracies}
+
+
+_ASKED = at(0.05, 0.02, 0.01)
+
+
 def answers(
-    problems: Mapping[int, Problem],
+    problems: Mapping[int, Problem | Body],
     file: Path,
     progress: ProgressCallback,
-    others: range,
-    accuracies: Sequence[float] = ACCURACIES,
+    others: Sequence[int],
+    forms: Mapping[str, Sequence[str]] = _ASKED,
 ) -> list[dict[str, Any]]:
-    """Rows of the problems, by number, with truths in a file, at each target error.
+    """Rows of the problems, by number, with truths in a file, by each form.
 
     - `others`: numbers not used for tuning
+    - `forms`: overrides by name
     """
     found = []
     for number, problem in problems.items():
         truths = known(problem.name, file)
         if truths is None:
             continue
-        for accuracy in accuracies:
-            progress(f"{problem.name}: {accuracy:.0%}")
-            words = (f"accuracy={accuracy}", f"cost={_COST}")
-            case = record_of(solve_case(problem.tables, words, limit=_LIMIT))
+        cloud = body_cloud(problem, problem.sizes[0]) if isinstance(problem, Body) else None
+        for form, words in forms.items():
+            progress(f"{problem.name}: {form}")
+            case = record_of(solve_case(problem.tables, words, cloud=cloud, limit=_LIMIT))
             found.append(
                 {
                     "problem": problem.name,
-                    "form": f"{accuracy:.0%}",
+                    "form": form,
                     "size": "chosen",
                     "half": "other" if number in others else "tuned",
                     **case,

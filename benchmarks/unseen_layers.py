@@ -16,7 +16,7 @@ import numpy as np
 from benchmarks.problems import Problem
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.unseen import Wanted, answers
+from benchmarks.unseen import Wanted, answers, at
 from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.types import F64
@@ -189,7 +189,7 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     boxes = {n: problem for n, problem in problems.items() if n >= _SHEETS}
     return [
         *answers(sheets, TRUTHS, progress, NUMBERS[1::2]),
-        *answers(boxes, TRUTHS, progress, NUMBERS[1::2], accuracies=(0.02,)),
+        *answers(boxes, TRUTHS, progress, NUMBERS[1::2], at(0.02)),
     ]
 
 

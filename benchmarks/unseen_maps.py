@@ -14,12 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.runner import record_of
-from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.unseen import Wanted, known, random_solid
-from benchmarks.voxel_bodies import Body, body_cloud, box_tables
+from benchmarks.unseen import Wanted, answers, random_solid
+from benchmarks.voxel_bodies import Body, box_tables
 from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.errors import ConvergenceError
@@ -28,8 +26,8 @@ from myork.types import F64
 NUMBERS = range(62)
 #: The first number that nothing was chosen on
 OTHER = 32
-#: Wall time of a solve [s]
-_LIMIT = 300.0
+#: The only form of a map, without overrides
+AS_THEY_ARE: dict[str, tuple[str, ...]] = {"map": ()}
 _SEED = 20261127
 #: Limits of finite elements
 TRUTHS = Path(__file__).parent / "truths" / "unseen_maps.json"
@@ -97,8 +95,8 @@ class _Shape:
         return inside, np.stack([*ab, z], axis=-1)
 
 
-def body_of(number: int) -> tuple[Body, float]:
-    """Random body of a number, which any machine draws alike, and the edge of its voxels [cm]."""
+def body_of(number: int) -> Body:
+    """Random body of a number, which any machine draws alike."""
     rng = np.random.default_rng([_SEED, number])
     half, two = bool(rng.random() < 0.35), bool(rng.random() < 0.5)
     shape = _Shape(rng, half)
@@ -152,11 +150,10 @@ def body_of(number: int) -> tuple[Body, float]:
         return np.where(inside, part(square), 0)
 
     elements = tuple((n // 2 if half else n, n, n) for n in (4, 8))
-    body = Body(
+    return Body(
         title, shape.size, tables, label, (2.0 * shape.voxel,), elements,
         lambda x: shape.place(shape.square(x)), lambda x: int(part(shape.square(x))),
     )  # fmt: skip
-    return body, shape.voxel
 
 
 def _one(square: F64) -> NDArray[Any]:
@@ -204,23 +201,8 @@ def _loads(rng: Rng, shape: _Shape) -> tuple[list[dict[str, Any]], str]:
 
 def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     """Solve all bodies that have truths as they are; a few of them for `quick`."""
-    found = []
-    for number in NUMBERS[:6] if quick else NUMBERS:
-        body, voxel = body_of(number)
-        truths = known(body.name, TRUTHS)
-        if truths is not None:
-            progress(body.name)
-            half = "tuned" if number < OTHER else "other"
-            found.append({"half": half, **solved(body, voxel, truths)})
-    return found
-
-
-def solved(body: Body, voxel: float, truths: Any, words: tuple[str, ...] = ()) -> dict[str, Any]:
-    """A row of one body, solved with overrides."""
-    cloud = body_cloud(body, 2.0 * voxel)
-    case = record_of(solve_case(body.tables, words, cloud=cloud, limit=_LIMIT))
-    found = truths.errors(case.pop("probes"), case.pop("bars"), least=1.0)
-    return {"problem": body.name, "form": "map", "size": "chosen", **case, **found}
+    bodies = {number: body_of(number) for number in (NUMBERS[:6] if quick else NUMBERS)}
+    return answers(bodies, TRUTHS, progress, range(OTHER, NUMBERS.stop), AS_THEY_ARE)
 
 
 def _limits(number: int) -> dict[str, Any]:
@@ -229,7 +211,7 @@ def _limits(number: int) -> dict[str, Any]:
     Errors fall with the spacing at rims and with its square or faster elsewhere: what is left of
     the last change lies between none and all of it.
     """
-    body = body_of(number)[0]
+    body = body_of(number)
     deck = read_deck(box_tables(body))
     try:
         coarse, fine = (
@@ -244,4 +226,4 @@ def _limits(number: int) -> dict[str, Any]:
 
 def wanted(numbers: range) -> list[Wanted]:
     """Bodies and their limits."""
-    return [(body_of(number)[0].name, partial(_limits, number)) for number in numbers]
+    return [(body_of(number).name, partial(_limits, number)) for number in numbers]

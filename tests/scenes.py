@@ -190,11 +190,6 @@ def forces(*sets: str) -> list[dict[str, Any]]:
     return probes(*(f"{name} force {name}" for name in sets))
 
 
-def places(point: Any, *quantities: str) -> list[dict[str, Any]]:
-    """Probes of quantities at a point, by the names of the quantities."""
-    return [{"name": name, "quantity": name, "point": list(point)} for name in quantities]
-
-
 def probes(*lines: str | dict[str, Any]) -> list[dict[str, Any]]:
     """Probes as tables, or by name, quantity and what they are of: a set, a point or nothing."""
     found: list[dict[str, Any]] = []
@@ -210,6 +205,13 @@ def probes(*lines: str | dict[str, Any]) -> list[dict[str, Any]]:
             probe["set"] = place[0]
         found.append(probe)
     return found
+
+
+def strip(*source: int, method: str = "auto", places: Any = None, **tables: Any) -> dict[str, Any]:
+    """A strip of rubber that is pulled, quick to solve in any form."""
+    body = box(*source, size=[2, 1], places=places)
+    deck = gripped(method, body, neo(10, 1000), "x0 x1", "pull force_x x1", u_x=0.2)
+    return {"title": "strip"} | deck | tables
 
 
 def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, Any]:
@@ -234,6 +236,17 @@ def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> 
     """A beam of 4 x 1 of rubber under a dead traction on its end; nothing else is named."""
     body, end = box(*source, size=[4, 1], places=places), {"traction": [0, load]}
     return loaded("auto", body, RUBBER, "x0 x1", end, "tip u_y 4 0.5") | tables
+
+
+def pushed(push: float, **tables: Any) -> dict[str, Any]:
+    """A block between rollers, pressed by 43 %, and then under a dead load aside."""
+    return scene(
+        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)],
+        boundary=[*PLANES[:2], {"set": "y1", "u_y": -0.43, "amplitude": "press"},
+                  {"set": "x1", "traction": [push, 0], "amplitude": "push"}],
+        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
+                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
+    ) | {"load": {"steps": 2}} | tables  # fmt: skip
 
 
 def contracting(*source: int, **tables: Any) -> dict[str, Any]:

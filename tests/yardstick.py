@@ -101,34 +101,29 @@ def _parts(out: Path) -> dict[str, Any]:
 
     def note(name: str, item: Any) -> None:
         if isinstance(item, h5py.Dataset):
-            found[name] = _hash(item[()])
+            values = np.asarray(item[()])
+            found[name] = _hash(values.tolist() if values.dtype == object else values)
 
     for path in (*out.glob("*.h5"), *out.glob("*.vtkhdf")):
         with h5py.File(path) as file:
             file.visititems(note)
     for path in out.glob("*.nii.gz"):
         found[path.name] = _hash(np.asarray(nibabel.load(path).dataobj))
-    summary = json.loads((out / "summary.json").read_text(encoding="utf-8").replace(str(out), ""))
+    text = (out / "summary.json").read_text(encoding="utf-8").replace(str(out), "")
+    # without what no two runs share
+    summary = json.loads(text, object_hook=lambda part: {
+        key: value for key, value in part.items() if not re.fullmatch(VOLATILE, key)
+    })  # fmt: skip
     probes = [step["probes"] for step in summary.get("steps", [])][-1:]
-    return found | {key: _hash(part) for key, part in _kept(summary).items()} | {"probes": probes}
-
-
-def _kept(part: Any) -> Any:
-    """A part of a summary without what no two runs share."""
-    if isinstance(part, dict):
-        kept = {key: value for key, value in part.items() if not re.fullmatch(VOLATILE, key)}
-        return {key: _kept(value) for key, value in kept.items()}
-    return [_kept(entry) for entry in part] if isinstance(part, list) else part
+    return found | {key: _hash(part) for key, part in summary.items()} | {"probes": probes}
 
 
 def _hash(value: Any) -> str:
     """First digits of the SHA-256 of an array, or of anything that JSON can hold."""
-    if isinstance(value, np.ndarray) and value.dtype != object:
+    if isinstance(value, np.ndarray):
         data = np.ascontiguousarray(value).tobytes()
-    elif isinstance(value, (np.ndarray, bytes)):
-        data = repr(value).encode()
     else:
-        data = json.dumps(value, sort_keys=True).encode()
+        data = json.dumps(value, sort_keys=True, default=repr).encode()
     return hashlib.sha256(data).hexdigest()[:16]
 
 

@@ -1,4 +1,4 @@
-"""Boxes of points, to be bent, shaken or damaged, and the deck that stretches them."""
+"""Boxes of points, to be bent, shaken or damaged."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from myork.bench.materials import MUSCLE, RUBBER
 from myork.model.spacing import source_spacing
 from myork.records import PointCloud
 from myork.types import F64, I64
@@ -56,9 +55,9 @@ def box(
     )
 
 
-def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
+def jittered(cloud: PointCloud, share: float) -> PointCloud:
     """Points moved by up to a share of the spacing, those on faces within their faces."""
-    random = np.random.default_rng(seed)
+    random = np.random.default_rng(7)
     low, high = cloud.source.min(axis=0), cloud.source.max(axis=0)
 
     def shaken(x: F64, spacing: F64) -> F64:
@@ -70,12 +69,10 @@ def jittered(cloud: PointCloud, share: float, seed: int = 7) -> PointCloud:
     )
 
 
-def graded(cloud: PointCloud, power: float) -> PointCloud:
-    """Points drawn towards the planes x, y, z = 0: each coordinate to a power of its share."""
+def graded(cloud: PointCloud) -> PointCloud:
+    """Points drawn towards the planes x, y, z = 0: each coordinate to the cube of its share."""
     high = cloud.source.max(axis=0)
-    moved = _moved(
-        cloud, high * (cloud.source / high) ** power, high * (cloud.points / high) ** power
-    )
+    moved = _moved(cloud, high * (cloud.source / high) ** 3, high * (cloud.points / high) ** 3)
     width = _widths(moved.points, high)
     area = _areas(width, moved.boundary_point, moved.boundary_set)
     return replace(moved, volume=width.prod(axis=1), area=area)
@@ -84,34 +81,6 @@ def graded(cloud: PointCloud, power: float) -> PointCloud:
 def _moved(cloud: PointCloud, source: F64, points: F64) -> PointCloud:
     spacing = source_spacing(source / cloud.spacing) * cloud.spacing
     return replace(cloud, source=source, spacing=spacing, points=points)
-
-
-def stretched(
-    *,
-    method: str = "rkcm",
-    move: float = 0.2,
-    steps: int = 2,
-    activation: float = 0.0,
-    curve: str = "",
-) -> dict[str, Any]:
-    """Tables of a deck that stretches a box along x; the box is a cloud of its own.
-
-    - `method`: form, `rkcm` where none is given
-    - `move`: displacement of the face x1 [length]
-    - `steps`: load steps
-    - `activation`: activation at full load [-]
-    - `curve`: curve of the fibers, `published` or `smooth`; empty for rubber
-    """
-    return {
-        "title": "Stretched box",
-        "scene": {"dimension": 3, "method": method},
-        "approximation": {"order": 2, "support": 3.5},
-        "material": [{**MUSCLE, "curve": curve} if curve else RUBBER],
-        "boundary": [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xyz"]
-        + [{"set": "x1", "u_x": move}],
-        "load": {"steps": steps, "activation": activation},
-        "probe": [{"name": "stress", "quantity": "cauchy_xx", "point": [0.5, 0.5, 0.5]}],
-    }
 
 
 def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64, I64]:

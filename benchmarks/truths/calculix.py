@@ -190,6 +190,5 @@ class _Mesh:
             forces = found[f"forces {name}".lower()]
             return list(forces), np.array(list(forces.values())) / thick
 
-        ended = Ended(self.place, moves, pull, None, 1e-6 * float(self.high.max()))
-        values = {probe["name"]: ended.probe(probe) for probe in self.deck["probe"]}
-        return {name: value for name, value in values.items() if value is not None}
+        near = 1e-6 * float(self.high.max())
+        return Ended(self.place, moves, pull, None, near).probes(self.deck)

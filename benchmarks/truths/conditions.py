@@ -20,6 +20,18 @@ def side_of(name: str, ring: bool) -> tuple[int, int]:
     return AXES.index(name[0]), int(name[1])
 
 
+def fiber_of(table: Mapping[str, Any], plane: bool) -> tuple[float, float, float]:
+    """Unit vector of a material's fibers, zeros where it has none."""
+    if table.get("fiber_angle") is not None:
+        angle = np.radians(float(table["fiber_angle"]))
+        across, along = float(np.sin(angle)), float(np.cos(angle))
+        return (across, along, 0.0) if plane else (across, 0.0, along)
+    if table.get("fiber") is not None:
+        unit = np.asarray(table["fiber"], float) / np.linalg.norm(table["fiber"])
+        return (float(unit[0]), float(unit[1]), float(unit[2]))
+    return (0.0, 0.0, 0.0)
+
+
 def moved(entry: Mapping[str, Any], points: Any, load: float = 1.0) -> dict[int, Any]:
     """Displacements that a set prescribes, by axis: a number or one for each node.
 
@@ -59,6 +71,11 @@ class Ended(NamedTuple):
     #: Component of the Cauchy stress at a node; None where there is none
     stress: Callable[[int, str], float] | None
     near: float  #: By how much nodes may miss the place of a probe [length]
+
+    def probes(self, deck: Mapping[str, Any]) -> dict[str, float]:
+        """Values of the deck's probes, but of those that have none."""
+        found = {probe["name"]: self.probe(probe) for probe in deck["probe"]}
+        return {name: value for name, value in found.items() if value is not None}
 
     def probe(self, probe: Mapping[str, Any]) -> float | None:
         """Value of a table `[[probe]]`; None where no node lies there, or has no such value."""

@@ -26,7 +26,7 @@ from petsc4py import PETSc
 
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
-from benchmarks.truths.conditions import AXES, Ended, moved, side_of
+from benchmarks.truths.conditions import AXES, Ended, fiber_of, moved, side_of
 
 #: Load steps that are tried, and Newton's iterations in each
 _STEPS, _ITERATIONS = (1, 2, 4, 8, 16), 25
@@ -144,12 +144,7 @@ class _Solve:
              for i in range(3)]
         )  # fmt: skip
         f = ufl.variable(f)
-        angle = np.radians(float(table.get("fiber_angle") or 0.0))
-        fiber = (
-            [np.sin(angle), np.cos(angle), 0]
-            if self.dim == 2
-            else [np.sin(angle), 0, np.cos(angle)]
-        )
+        fiber = fiber_of({"fiber_angle": 0.0} | table, self.dim == 2)
         self.load = fem.Constant(self.mesh, 0.0)
         activation = self.load * float(self.deck["load"].get("activation") or 0.0)
         shape = _energy(table, f, activation, curves, fiber)
@@ -261,9 +256,8 @@ class _Solve:
             on = self._on(name)
             return on, force[on]
 
-        ended = Ended(self.points, ends, pull, self._stress, 1e-6 * self.high.max())
-        found = {probe["name"]: ended.probe(probe) for probe in self.deck["probe"]}
-        return {name: value for name, value in found.items() if value is not None}
+        near = 1e-6 * self.high.max()
+        return Ended(self.points, ends, pull, self._stress, near).probes(self.deck)
 
     def _stress(self, node: int, component: str) -> float:
         """Cauchy stress at a node: mean of the elements beside it."""

@@ -9,7 +9,7 @@ where K is large, and K = infinity needs no second formula. Equation numbers are
 (2015).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -71,9 +71,9 @@ class Polynomial(NamedTuple):
 class Tube(NamedTuple):
     """Inflated tube in plane strain."""
 
-    place: F64  #: Undeformed radii, shape `(n,)` [length]
     radius: F64  #: Deformed radii, shape `(n,)` [length]
     radial: F64  #: Radial Cauchy stress, shape `(n,)` [stress]
+    hoop: F64  #: Hoop Cauchy stress, shape `(n,)` [stress]
 
 
 def tube(
@@ -125,8 +125,9 @@ def tube(
         raise ConvergenceError(f"radial boundary value problem of the tube: {answer.message}")
     at = np.atleast_1d(np.asarray(inner if place is None else place, float))
     y = answer.sol(at)
-    # Cauchy stress: P_rr over the hoop stretch
-    return Tube(at, y[0], y[1] * at / y[0])
+    stretch, _, p_tt = state(at, y)
+    # Cauchy stress: P_rr over the hoop stretch, P_tt over the radial one
+    return Tube(y[0], y[1] * at / y[0], p_tt / stretch)
 
 
 def inner_stress(deck: Mapping[str, Any], bulk: float | None = None) -> float:
@@ -143,12 +144,12 @@ def inner_stress(deck: Mapping[str, Any], bulk: float | None = None) -> float:
 
 def uniaxial(material: Polynomial, stretch: float) -> float:
     """Axial Cauchy stress of a bar with free sides; (5.114) for infinite K [stress]."""
-    return _free_stretch(material, (stretch,))
+    return float(homogeneous(material, (stretch,))[1][0])
 
 
 def equibiaxial(material: Polynomial, stretch: float) -> float:
     """In-plane Cauchy stress of a sheet with free faces; (5.118) for infinite K [stress]."""
-    return _free_stretch(material, (stretch, stretch))
+    return float(homogeneous(material, (stretch, stretch))[1][0])
 
 
 def dilation(material: Polynomial, stretch: float) -> float:
@@ -162,30 +163,35 @@ def simple_shear(material: Polynomial, amount: float) -> float:
     return 2.0 * amount * (w1 + w2)
 
 
-def _free_stretch(material: Polynomial, held: tuple[float, ...]) -> float:
-    """Cauchy stress in the first axis; the axes that are not held are free of stress."""
+def homogeneous(material: Polynomial, held: Sequence[float]) -> tuple[F64, F64]:
+    """Principal stretches and Cauchy stresses, shape `(3,)` each [-], [stress].
+
+    - `held`: stretches of the first axes; the others are free of stress
+    """
     compliance = 1.0 / material.bulk
     free_axes = 3 - len(held)
     held_product = float(np.prod(held))
 
-    def state(log_volume: float) -> tuple[F64, float]:
-        """Isochoric Cauchy stresses and the pressure that makes the free axes free of stress."""
+    def state(log_volume: float) -> tuple[F64, F64, float]:
+        """Stretches, isochoric Cauchy stresses, and the pressure that frees the free axes."""
         volume = np.exp(log_volume)
-        free = (volume / held_product) ** (1.0 / free_axes)
+        free = (volume / held_product) ** (1.0 / free_axes) if free_axes else 1.0
         lam = np.array([*held, *(free,) * free_axes])
         sigma = material.isochoric(lam) * lam / volume
-        return sigma, float(-sigma[-1])
+        return lam, sigma, float(-sigma[-1])
 
     def miss(log_volume: float) -> float:
-        return float(np.expm1(log_volume) - compliance * state(log_volume)[1])
+        return float(np.expm1(log_volume) - compliance * state(log_volume)[2])
 
+    if not free_axes:
+        lam, sigma, _ = state(np.log(held_product))
+        return lam, sigma + material.bulk * (held_product - 1.0)
     # the body swells under tension and shrinks under compression
     far = 1e-12 if miss(0.0) < 0.0 else -1e-12
     while miss(far) * far < 0.0:
         far *= 2.0
-    log_volume = brentq(miss, 0.0, far, xtol=1e-16, rtol=1e-15)
-    sigma, pressure = state(log_volume)
-    return float(sigma[0]) + pressure
+    lam, sigma, pressure = state(brentq(miss, 0.0, far, xtol=1e-16, rtol=1e-15))
+    return lam, sigma + pressure
 
 
 def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse.linalg import splu
 
-from benchmarks.truths.conditions import AXES, Ended, moved, side_of
+from benchmarks.truths.conditions import AXES, Ended, fiber_of, moved, side_of
 from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
 from myork.types import F64, Mask
@@ -27,8 +27,8 @@ Labels = Callable[[F64], int]
 #: Nodes of a box, shape `(n, dim)`, to those of the body
 Warp = Callable[[F64], F64]
 
-#: Halvings of a load step that does not converge
-_HALVINGS = 8
+#: Halvings of a load step that does not converge, and relative residual of one that does [-]
+_HALVINGS, _TOLERANCE = 8, 1e-8
 #: Share of an edge by which nodes may miss the surface they lie on
 _ON_FACE = 1e-9
 #: What a load step that is too large may end with
@@ -42,7 +42,6 @@ def solve_deck(
     loads: Sequence[float] = (1.0,),
     labels: Labels | None = None,
     warp: Warp | None = None,
-    tolerance: float = 1e-8,
     symmetric: bool = False,
 ) -> dict[str, Any]:
     """Solve a deck with finite elements.
@@ -56,7 +55,6 @@ def solve_deck(
     - `labels`: which material lies where; the deck's first one everywhere otherwise. Elements must
       not straddle materials; those with label zero are left out.
     - `warp`: moves the nodes of a box to their places in a body of another shape; probes lie there
-    - `tolerance`: relative residual of a converged load step [-]
     - `symmetric`: order the unknowns for symmetric matrices, whose factors in space are several
       times smaller than those of felupe's own solver
     - returns `probes` (by name their values at these loads), `dofs` and `cpu_s`
@@ -65,7 +63,7 @@ def solve_deck(
     - raises InstallationError: felupe is missing
     """
     started = time.process_time()
-    body = _Body(deck, elements, labels, warp, tolerance)
+    body = _Body(deck, elements, labels, warp)
     if symmetric:
         body.solver = {"solver": _solve_symmetric}
     values: dict[str, list[float]] = {probe["name"]: [] for probe in deck["probe"]}
@@ -134,10 +132,8 @@ class _Body:
         elements: Sequence[int],
         labels: Labels | None,
         warp: Warp | None,
-        tolerance: float,
     ) -> None:
         self.fem = _felupe()
-        self.tolerance = tolerance
         self.solver: dict[str, Any] = {}
         self.geometry = deck["geometry"]
         self.dim = int(deck["scene"]["dimension"])
@@ -296,7 +292,7 @@ class _Body:
                 dof1=dof1,
                 ext0=prescribed,
                 verbose=0,
-                tol=self.tolerance,
+                tol=_TOLERANCE,
                 **self.solver,
             )
 
@@ -367,7 +363,7 @@ class _Law:
         self, tables: Sequence[Mapping[str, Any]], material: NDArray[np.intp], plane: bool
     ) -> None:
         self.materials = [Material.of_table(table) for table in tables]
-        self.fibers = [_fiber(table, plane) for table in tables]
+        self.fibers = [fiber_of(table, plane) for table in tables]
         self.material = material
         self.activations = [0.0] * len(tables)
         #: Places evaluated at once: all, for labels tell elements apart by their place
@@ -409,15 +405,3 @@ class _Law:
                 3, 3, *own.shape
             )
         return stress, tangent
-
-
-def _fiber(table: Mapping[str, Any], plane: bool) -> tuple[float, float, float]:
-    """Unit vector of a material's fibers, zeros where it has none."""
-    if table.get("fiber_angle") is not None:
-        angle = np.radians(float(table["fiber_angle"]))
-        across, along = float(np.sin(angle)), float(np.cos(angle))
-        return (across, along, 0.0) if plane else (across, 0.0, along)
-    if table.get("fiber") is not None:
-        unit = np.asarray(table["fiber"], float) / np.linalg.norm(table["fiber"])
-        return (float(unit[0]), float(unit[1]), float(unit[2]))
-    return (0.0, 0.0, 0.0)

@@ -61,7 +61,7 @@ def solve_dolfinx(
         "deck": deck,
         "elements": [list(count) for count in elements],
         "form": form,
-        "curves": _curves(table) if table["model"] == "muscle" else None,
+        "curves": fiber_pieces(table) if table["model"] == "muscle" else None,
     }
     script = Path(__file__).with_name("dolfinx_solver.py")
     one = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS")}
@@ -85,7 +85,7 @@ def solve_dolfinx(
     return rows
 
 
-def _curves(table: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
+def fiber_pieces(table: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
     """Active and passive force of a muscle's fibers, piece by piece (`rk_fiber.f90`)."""
     gamma, rate = float(table["gamma1"]), float(table["gamma2"])
     growth = gamma * np.exp(0.4 * rate)
@@ -114,14 +114,14 @@ def _blended(
     for (at, below, above), before, after in zip(breaks, branches, branches[1:], strict=False):
         first, last = (at - below, at + above) if smooth else (at, at)
         if last > first:
-            ends = [_derivatives(before, first), _derivatives(after, last)]
+            ends = [derivatives(before, first), derivatives(after, last)]
             across = PPoly.from_bernstein_basis(BPoly.from_derivatives([first, last], ends))
             pieces.append({"start": first, "centre": first, "c": across.c[::-1, 0].tolist()})
         pieces.append({"start": last, **after})
     return pieces
 
 
-def _derivatives(branch: Mapping[str, Any], at: float) -> list[float]:
+def derivatives(branch: Mapping[str, Any], at: float) -> list[float]:
     """Force of a branch and its first three derivatives."""
     t = at - branch["centre"]
     powers = np.polynomial.Polynomial(branch["c"])

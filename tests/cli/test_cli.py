@@ -25,7 +25,7 @@ from myork.results import Results
 from myork.stations import solve
 from myork.stations.solve import find_executable
 from myork.summary import read_summary
-from tests.scenes import box, execute, held, probes, refuses, scene
+from tests.scenes import execute, refuses, strip
 
 COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
 #: Where a package lies below its prefix
@@ -224,13 +224,6 @@ PATIENCE = 300
 #: The programs, and how each calls the folder of the results
 OUT = {"myork": "--out", "myork-solve": "-o"}
 
-DECK = scene(
-    "auto", box(3, 3, 3), title="Stretched cube",
-    material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e4}],
-    boundary=[held("z0"), {"set": "z1", "u_z": 0.2}], load={"steps": 2},
-    probe=probes("pull force_z z1"),
-)  # fmt: skip
-
 
 def command(program: str) -> list[str]:
     """Words that start a program; `myork` needs its command `solve`."""
@@ -249,13 +242,13 @@ def run(program: str, *words: object) -> subprocess.CompletedProcess[str]:
 @pytest.mark.parametrize(("out", "threads"), [("-o", "-t"), ("--out", "--threads")])
 def test_short_and_long_options_of_the_executable(out: str, threads: str, tmp_path: Path) -> None:
     """The deck has no title, so that the summary has the name of its file."""
-    deck, folder = tmp_path / "pulled cube.toml", tmp_path / "results"
-    lines = text_of_tables(DECK).split("\n")
+    deck, folder = tmp_path / "pulled strip.toml", tmp_path / "results"
+    lines = text_of_tables(strip(5, 3)).split("\n")
     deck.write_text("\n".join(line for line in lines if not line.startswith("title")), "utf-8")
     done = run("myork-solve", deck, out, folder, threads, "2", "-q", "--no-error")
     assert done.returncode == 0 and done.stdout == "", done.stderr
     assert read_summary(folder)["threads"] == 2
-    assert read_summary(folder)["title"] == "pulled cube"
+    assert read_summary(folder)["title"] == "pulled strip"
 
 
 @pytest.mark.parametrize("program", OUT)

@@ -17,24 +17,18 @@ from myork.files import alone_in
 from myork.report import make_report
 from myork.stations.solve import find_executable
 from myork.summary import WAITING, failures, read_summary, renewing, update_summary
-from tests.scenes import box, deck_file, execute, held, scene, start, wait_for
+from tests.scenes import deck_file, execute, start, strip, wait_for
 
 #: Longest wait for something that takes a second or two; a failure, not a measurement [s]
 PATIENCE = 120
 
-DECK = scene(
-    "rkcm", box(17, 5, size=[4, 1]), title="Sheared sheet", load={"steps": 4},
-    material=[{"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}],
-    boundary=[held("y0", 2), held("y1", 2, u_x=1)],
-    probe=[{"name": "pull", "quantity": "force_x", "set": "y1"}],
-)  # fmt: skip
 #: Takes many seconds, in steps of some hundredths of a second
 LONG = ("--set", "load.steps=4000")
 
 
 @pytest.fixture
 def deck(tmp_path: Path) -> Path:
-    return deck_file(tmp_path / "deck.toml", DECK)
+    return deck_file(tmp_path / "deck.toml", strip(17, 5, method="rkcm", load={"steps": 4}))
 
 
 def solve(deck: Path, out: Path, *words: str, **more: Any) -> subprocess.CompletedProcess[str]:
@@ -191,7 +185,7 @@ def test_commands_that_end_before_the_solve_say_so(deck: Path, good: Path, words
 
 
 @pytest.mark.parametrize("command", ["solve", "run", "myork-solve"])
-@pytest.mark.parametrize("wrong", [("A10 = 37.3", "A10 = -1e99"), ("[load]", "[load")])
+@pytest.mark.parametrize("wrong", [("mu = 10", "mu = -1e99"), ("[load]", "[load")])
 def test_the_summary_of_a_refused_deck(
     deck: Path, tmp_path: Path, wrong: tuple[str, str], command: str
 ) -> None:

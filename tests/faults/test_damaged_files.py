@@ -38,19 +38,12 @@ from myork.stations.solve import find_executable
 from myork.summary import WAITING
 from tests.faults.damage import ARRAY, BYTES, SETTINGS, TEXT, Edit, damaged
 from tests.imaging.test_formats import series
-from tests.scenes import box, deck_file, held, myork, probes, refuses
-from tests.scenes import scene as tables_of
+from tests.scenes import deck_file, myork, refuses, strip
 from tests.unit.test_scene_from_tables import BLOCK, PULLED, cloud
 
 AFFINE = np.diag([2.0, 2.0, 5.0, 1.0])
 FAT = '[[material]]\nname = "fat"\nlabel = 2\nmodel = "neo-hookean"\nmu = 1.0\nK = 100.0\n'
-BAR = tables_of(
-    "rkpm-gauss", box(5, 4, size=[2, 1]),
-    material=[{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}],
-    boundary=[held("x0", 2), {"set": "x1", "u_x": 0.4}],
-    load={"steps": 3}, rom={"modes": [1, 2]},
-    probe=probes("pull force_x x1"),
-)  # fmt: skip
+BAR = strip(5, 4, load={"steps": 3}, rom={"modes": [1, 2]})
 
 
 def disc() -> np.ndarray:

@@ -105,9 +105,7 @@ def test_echoes_of_a_tree_and_what_is_refused(tmp_path):
     deck, lines = deck_of_folder(tmp_path, tmp_path)
     order = [deck.read_text().index(f"sub-01_echo-{k}_part-mag") for k in (1, 2, 10)]
     assert order == sorted(order) and "water and fat of 3 echoes" in lines[1]
-    touched(tmp_path / "sub-02" / "sub-02_T1w.nii.gz", tmp_path / "other" / "scan.nii")
-    said = "contains 2 subjects or visits; give the folder of one"
-    refuses(said, deck_of_folder, tmp_path, tmp_path)
+    touched(tmp_path / "other" / "scan.nii")
     said = "contains no image that can be identified"
     refuses(said, deck_of_folder, tmp_path / "other", tmp_path)
 
@@ -135,7 +133,8 @@ def test_runs_visits_and_tables_of_the_root(tmp_path):
         touched(visit / "anat" / name)
     touched(visit / "anat" / "sub-01_ses-2_run-2_T1w.nii.gz")
     touched(study / "sub-01" / "ses-1" / "anat" / "sub-01_ses-1_T1w.nii.gz")
-    refuses("give the folder of one, such as .*sub-01/ses-1", deck_of_folder, study, tmp_path)
+    said = "contains 2 subjects or visits; give the folder of one, such as .*sub-01/ses-1"
+    refuses(said, deck_of_folder, study, tmp_path)
     deck, lines = deck_of_folder(visit, tmp_path)
     assert "water and fat of 3 echoes" in lines[1] and "run-1_echo-1" in lines[1]
     assert deck.read_text().count("run-2") == 0

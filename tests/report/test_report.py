@@ -27,11 +27,12 @@ from myork.report.numbers import labelled, number, probe_units, with_error
 from myork.report.sources import Deformation
 from myork.report.sweep_page import Column, trend_figure
 from myork.report.tables import probe_table
+from myork.rom.study import run_rom
 from myork.stations.solve import run_deck
 from myork.summary import printed
 from myork.types import F64, I32
 from tests.images import affine_of, save
-from tests.scenes import RUBBER, annulus, box, held, probes, refuses, scene
+from tests.scenes import MUSCLE, RUBBER, annulus, box, held, probes, refuses, scene
 
 VOID = {"meta", "img", "br"}
 
@@ -97,22 +98,38 @@ def lattice_of(points: F64) -> I32:
     return np.stack(places, axis=1).astype(np.int32)
 
 
-# ---- a folder with everything a report can show; the numbers of its summary are made up ----------
+# ---- a folder with everything a report can show --------------------------------------------------
 
-STEPS = 10
 UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
+#: Entries of a summary that no run of this folder makes
+MORE = {
+    "verdict": {"state": "accepted", "reasons": ["no error estimate: none was wanted"]},
+    "exact": {"stress_zz": {"value": 3.06, "reference": 3.0617, "relative_error": 5.5e-4}},
+    "overrides": ["load.steps=4"],
+    "warnings": ["2 islands with 14 voxels are connected to neither end: left out"],
+    "segmentation": {
+        "labels": {"muscle": {"pixels": 40211, "volume": 376.978}}, "iterations": 120,
+        "scores": {"muscle": {"dice": 0.973, "pcc": 0.968}}, "energy": [1400.0, 700.0, 450.0],
+    },
+}  # fmt: skip
 
 
 @pytest.fixture(scope="session")
 def solved_block(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A solved block that is twisted and shortened."""
+    """A block of muscle that is twisted and shortened, and its reduced models."""
     out = tmp_path_factory.mktemp("block")
     turn = {"u_z": -0.3, "rotation": 30, "axis": [0, 0, 1], "about": [0.5, 0.5, 2]}
+    force = {"probe": "reaction", "load": [0.5, 1.0], "value": [-1.05, -3.02]}
     tables = scene(
-        "rkpm-gauss", box(4, 4, 7, size=[1, 1, 2]), material=[RUBBER], load={"steps": 4},
-        boundary=[held("z0"), {"set": "z1", **turn}],
+        "rkpm-gauss", box(4, 4, 7, size=[1, 1, 2]), material=[{**MUSCLE, "fiber_angle": 30}],
+        title="Muscle block, fibers inclined 30° <test>", load={"steps": 10, "activation": 0.3},
+        boundary=[held("z0"), {"set": "z1", **turn}], rom={"modes": [1, 2]},
+        probe=probes("reaction force_z z0", "stress_zz cauchy_zz 0.5 0.5 1", "tip u 1 0.5 1"),
+        reference=[force | {"source": "mesh-converged finite elements"}],
     )  # fmt: skip
-    run_deck(tables, out, threads=1, error=False)
+    for run in (run_deck, run_rom):
+        run(tables, out, threads=1, overrides=["load.steps=4"])
+    change_summary(out, lambda summary: summary.update(MORE))
     return out
 
 
@@ -120,70 +137,9 @@ def solved_block(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def folder(tmp_path: Path, solved_block: Path) -> Path:
     """A converged demo: segmentation, full solution and reduced models."""
     write_segmentation(tmp_path)
-    shutil.copy(solved_block / "results.vtkhdf", tmp_path)
-    (tmp_path / "summary.json").write_text(json.dumps(summary()))
+    for name in ("results.vtkhdf", "summary.json"):
+        shutil.copy(solved_block / name, tmp_path)
     return tmp_path
-
-
-def summary() -> dict[str, Any]:
-    loads = np.arange(1, STEPS + 1) / STEPS
-    force = -4.5 * loads / (0.5 + loads)
-    places, reference = [0.2, 0.5, 1.0], [-1.05, -2.14, -3.02]
-    values = np.interp(places, loads, force)
-    return {
-        "title": "Muscle block, fibers inclined 30° <test>", "deck_sha256": "9f" * 32,
-        "version": "0.1.0", "units": UNITS, "method": "rkcm", "dimension": 3,
-        "solver": {"asked": "auto", "used": "refined", "why": "no matrix in memory",
-                   "backward_error": 3e-13, "reciprocal_condition": 2.7e-7},
-        "source_points": 1377, "collocation_points": 9537, "dofs": 4131, "rows": 36411,
-        "threads": 2, "converged": True,
-        "verdict": {"state": "accepted", "reasons": ["no error estimate: none was wanted"]},
-        "force_imbalance": 2e-13, "overrides": ["load.steps=10"],
-        "probe_units": {"reaction": "N", "stress_zz": "N/cm^2", "tip": "cm"},
-        "steps": [
-            {
-                "load": load, "activation": 0.3 * load, "iterations": 3,
-                "newton_decrement": 1e-9, "min_J": 0.98, "max_J": 1.02,
-                "probe_errors": {"reaction": 0.015},
-                "probes": {"reaction": pull, "stress_zz": -pull * 1.02,
-                           "tip": [-0.087 * load, 0.001 * load, 0.02 * load**2]},
-            }
-            for load, pull in zip(loads, force, strict=True)
-        ],
-        "deck": {"probe": probes("reaction force_z bottom", "stress_zz cauchy_zz 0.5 0.5 1",
-                                 "tip u 1 0.5 1")},
-        "exact": {"stress_zz": {"value": 3.06, "reference": 3.0617, "relative_error": 5.5e-4}},
-        "reference": {"reaction": {
-            "load": places, "activation": [0.3 * place for place in places],
-            "value": values.tolist(), "reference": reference,
-            "relative_error": (np.abs(values - reference) / 3.02).tolist(),
-            "source": "mesh-converged finite elements",
-        }},
-        "timings_s": {"shape": 0.4, "assemble": 3.1, "solve": 14.2, "output": 0.3, "total": 18.6},
-        "memory_peak_bytes": 1.45e9,
-        "warnings": ["2 islands with 14 voxels are connected to neither end: left out"],
-        "rom": {
-            "snapshots": 20, "pov": (10.0 ** -np.linspace(0.0, 14.0, 20)).tolist(),
-            "full": {"load": loads.tolist(), "probes": {"reaction": force.tolist()}},
-            "models": [
-                {
-                    "kind": kind, "r": r, "points": points,
-                    "e1": e1 * worse, "e2": 4 * e1 * worse, "stress_error": None,
-                    "probes": {"reaction": (force * (1 + e1)).tolist()},
-                    "force_error": 2 * e1 * worse, "offline_s": 2.5,
-                    "online_s_per_state": 0.002 * r * points / 9537,
-                    "speedup_vs_full": 800.0 / r * 9537 / points,
-                }
-                for kind, points, worse in (("galerkin", 9537, 1.0), ("reduced", 300, 3.0))
-                for r, e1 in ((1, 5e-2), (2, 6e-3), (10, 2e-6))
-            ],
-        },
-        "segmentation": {
-            "labels": {"muscle": {"pixels": 40211, "volume": 376.978}},
-            "scores": {"muscle": {"dice": 0.973, "pcc": 0.968}}, "iterations": 120,
-            "energy": (1000.0 * np.exp(-np.arange(30) / 6.0) + 400.0).tolist(),
-        },
-    }  # fmt: skip
 
 
 def write_segmentation(folder: Path) -> None:
@@ -233,15 +189,19 @@ def test_page_is_complete_and_self_contained(folder: Path) -> None:
     assert "Muscle block, fibers inclined 30° <test>" in text, "text is escaped"
     assert "accepted without an error estimate" in text
     assert "no error estimate: none was wanted" in text
-    assert "−3.000 ± 0.015" in text and "Bands: estimated errors." in text
-    assert "2 islands with 14 voxels" in text
-    assert "J 0.980 to 1.02" in text and "Force imbalance 2.0·10−13" in text
+    assert "2 islands with 14 voxels" in text and "Bands: estimated errors." in text
+    summary = json.loads((folder / "summary.json").read_text())
+    last, steps = summary["steps"][-1], summary["steps"]
     for wanted in (
-        "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "−3.000", "mesh-converged finite elements",
-        "3.0600", "3.0617", "refined (asked: auto)", "3.0·10−13", "reduced", "0.973",
-        "1380 MiB".replace("1380", "1\u202f380"), "10 steps, 30 iterations", "load.steps=10",
+        "reaction [N]", "stress_zz [N/cm²]", "tip [cm]", "mesh-converged finite elements",
+        "3.0600", "3.0617", "cholesky (asked: auto)", "galerkin", "0.973", "load.steps=4",
+        f"J {number(last['min_J'], 3)} to {number(last['max_J'], 3)}",
+        f"Force imbalance {number(summary['force_imbalance'], 2)}",
+        with_error(last["probes"]["reaction"], last["probe_errors"]["reaction"]),
+        f"{number(summary['memory_peak_bytes'] / 2**20, 3)} MiB",
+        f"4 steps, {sum(step['iterations'] for step in steps)} iterations",
     ):  # fmt: skip
-        assert wanted in text, wanted
+        assert re.sub("<.*?>", "", wanted) in text, wanted
 
 
 @pytest.mark.slow
@@ -290,7 +250,7 @@ def test_gaps_in_the_summary(folder: Path) -> None:
     """What the Fortran side could not compute is null; the page shows a dash."""
 
     def change(summary: dict[str, Any]) -> None:
-        summary["steps"][3]["probes"].update(reaction=None, tip=None)
+        summary["steps"][1]["probes"].update(reaction=None, tip=None)
         summary["rom"]["models"][0].update(e1=None, e2=None, speedup_vs_full=None)
         summary["rom"]["pov"] = []
         summary["timings_s"]["shape"] = None
@@ -304,7 +264,7 @@ def test_gaps_in_the_summary(folder: Path) -> None:
 
 
 @pytest.mark.parametrize(("where", "value"), [
-    (["steps", 3, "probes", "reaction"], "x"), (["steps"], 7), (["rom", "models", 0, "r"], []),
+    (["steps", 1, "probes", "reaction"], "x"), (["steps"], 7), (["rom", "models", 0, "r"], []),
     (["reference", "reaction", "activation"], [0.5]),
 ])  # fmt: skip
 def test_a_damaged_summary_is_named(folder: Path, where: list[Any], value: Any) -> None:

@@ -1,6 +1,8 @@
 """Ctrl-C, threads and the end of the interpreter around a solve in memory; bits on two threads."""
 
+import hashlib
 import json
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -13,18 +15,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.truths.compiled import shape_functions
+from myork import ReducedModel
 from myork.core.calls import call_in_thread
+from myork.core.level_sets import evolve_level_sets
 from myork.core.scene import Scene
+from myork.core.threads import core_threads
 from myork.errors import StoppedError
 from tests import scenes
 from tests.scenes import CASES, refuses
 
 #: Some tenths of a second in 40 steps: long enough to be interrupted at many places
-LONG = scenes.gripped(
-    "rkcm", scenes.box(25, 7, size=[4, 1]),
-    {"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}, "y0 y1", u_x=1,
-    load={"steps": 40},
-)  # fmt: skip
+LONG = scenes.strip(25, 7, method="rkcm", load={"steps": 40})
 
 
 def long_scene(**changes):
@@ -117,8 +119,9 @@ def test_closing_a_scene_ends_its_solve():
     refuses("closed", scene.solve)
 
 
-def ended(code):
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)
+def ended(code, *words, **more):
+    program = [sys.executable, "-c", code, *words]
+    return subprocess.run(program, capture_output=True, text=True, timeout=600, **more)
 
 
 @pytest.mark.slow
@@ -163,23 +166,10 @@ sys.exit(main(["explain", "deck.toml"]))
 # ---- one and two threads give the same bits: every method, every solver --------------------------
 
 
-#: What Python hands out of all cases, once on each number of threads
-PROGRAM = """
-import hashlib, json, sys
-import numpy as np
-from myork.core.level_sets import evolve_level_sets
-from myork.core.scene import Scene
-from benchmarks.truths.compiled import shape_functions
-from myork.core.threads import core_threads
-
 def digest(*arrays):
     data = b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)
     return hashlib.sha256(data).hexdigest()
 
-def solved(scene):
-    states = scene.solve()
-    fields = scene.fields(states.x[-1], 1.0)
-    return states, digest(states.x, states.probe_errors, fields.u, fields.f, fields.cauchy)
 
 def level_sets():
     rng = np.random.default_rng(1)
@@ -193,37 +183,42 @@ def level_sets():
             lambdas=np.ones((1, 4)), volume=volume,
         )
         for volume in (False, True)
-    )
+    )  # fmt: skip
     return digest(*(array for each in found for array in each.values()))
 
-def all_cases(threads):
-    for name, (deck, overrides) in json.load(open(sys.argv[1])).items():
+
+def all_cases(cases, threads):
+    """What Python hands out of all cases."""
+    for name, (deck, overrides) in cases.items():
         with Scene(deck, overrides, threads=threads) as scene:
-            states, table = solved(scene)
-            yield name, table
+            states = scene.solve()
+            fields = scene.fields(states.x[-1], 1.0)
+            yield name, digest(states.x, states.probe_errors, fields.u, fields.f, fields.cauchy)
             if name == "displacement, refined":
                 scene.reduce(np.linalg.qr(states.x.T)[0])
                 yield "reduced", digest(scene.solve_reduced("").x)
-    rng = np.random.default_rng(2)
     yield "level sets", level_sets()
-    points = rng.uniform(0, 1, (600, 3))
+    points = np.random.default_rng(2).uniform(0, 1, (600, 3))
     shape = shape_functions(points, 0.35, points[::2], order=2)
     yield "shape functions", digest(shape.value, shape.neighbour)
 
-for threads in (1, 2):
-    with core_threads(threads):
-        print(json.dumps(dict(all_cases(threads))))
-"""
+
+def on_one_and_two_threads(path):
+    """A line of all cases for each number of threads."""
+    cases = json.loads(Path(path).read_text(encoding="utf-8"))
+    for threads in (1, 2):
+        with core_threads(threads):
+            print(json.dumps(dict(all_cases(cases, threads))))
 
 
-def run(program: str, *words: object, **environment: str) -> list[str]:
-    """Lines that a program says in a process without the limits that the tests run under."""
+def run(function: str, word: object, **environment: str) -> list[str]:
+    """Lines that a function of this module says of a word, in a process without the limits that
+    the tests run under.
+    """
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "OPENBLAS_"))}
     kept |= {"OMP_WAIT_POLICY": "passive", "PYTHONPATH": os.pathsep.join(sys.path)}
-    done = subprocess.run(
-        [sys.executable, "-c", program, *map(str, words)], env=kept | environment,
-        capture_output=True, text=True,
-    )  # fmt: skip
+    code = f"import sys; from tests.unit import test_interrupts as m; m.{function}(sys.argv[1])"
+    done = ended(code, str(word), env=kept | environment)
     assert done.returncode == 0, done.stderr
     return done.stdout.splitlines()
 
@@ -237,49 +232,43 @@ def test_python(inputs: Path, tmp_path: Path) -> None:
     """
     cases = {name: (str(inputs / f"{deck}.toml"), more) for name, (deck, more) in CASES.items()}
     (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
-    one, two = map(json.loads, run(PROGRAM, tmp_path / "cases.json"))
+    one, two = map(json.loads, run("on_one_and_two_threads", tmp_path / "cases.json"))
     assert len(one) == len(CASES) + 3
     assert [name for name in one if one[name] != two[name]] == []
 
 
-#: Scenes and a reduced model in children of a process that has used its threads
-FORKS = """
-import multiprocessing, os, signal, sys
-import numpy as np
-from myork import ReducedModel, Scene
-from tests.scenes import box, gripped, neo
+def forked(path):
+    """Whether children of a process that has used its threads answer as it does."""
+    block = scenes.box(5, 5, 5, places=(5, 5, 5))
+    tables = scenes.gripped("rkpm-scni", block, scenes.neo(20, 500), "x0 x1", u_x=0.2)
+    scene, rom = Scene.from_tables(tables), ReducedModel.load(path, threads=2)
+    rows = np.linspace([0.0, -0.1], [0.5, 0.1], 40)
 
-tables = gripped("rkpm-scni", box(5, 5, 5, places=(5, 5, 5)), neo(20, 500), "x0 x1", u_x=0.2)
-scene = Scene.from_tables(tables)
-rom = ReducedModel.load(sys.argv[1], threads=2)
-rows = np.linspace([0.0, -0.1], [0.5, 0.1], 40)
+    def answers():
+        with Scene.from_tables(tables) as own:
+            x = [each.solve(error=False).x[-1] for each in (scene, own)]
+            u = scene.fields(x[0], 1.0).u
+        force = [rom.batch(rows).force, rom.solve(activation=0.3, u_z=0.05).force]
+        return digest(*x, u, *force)
 
-def answers():
-    with Scene.from_tables(tables) as own:
-        x = [each.solve(error=False).x[-1] for each in (scene, own)]
-        u = scene.fields(x[0], 1.0).u
-    force = [rom.batch(rows).force, rom.solve(activation=0.3, u_z=0.05).force]
-    return b"".join(np.ascontiguousarray(a).tobytes() for a in (*x, u, *force))
+    here = answers()
 
-here = answers()
+    def child():
+        signal.alarm(60)  # a child that waits for threads that are not there ends by this
+        os._exit(0 if answers() == here else 1)
 
-def child():
-    signal.alarm(60)  # a child that waits for threads that are not there ends by this
-    os._exit(0 if answers() == here else 1)
-
-first = multiprocessing.get_context("fork").Process(target=child)
-first.start()
-first.join()
-pid = os.fork()
-if pid == 0:
-    child()
-second = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
-assert answers() == here
-print(first.exitcode, second)
-"""
+    first = multiprocessing.get_context("fork").Process(target=child)
+    first.start()
+    first.join()
+    pid = os.fork()
+    if pid == 0:
+        child()
+    second = os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+    assert answers() == here
+    print(first.exitcode, second)
 
 
 @pytest.mark.slow
 def test_children_of_a_fork(voxel_rom: Path) -> None:
     """None of their parent's threads come along: the first parallel region waited for them."""
-    assert run(FORKS, voxel_rom, OMP_NUM_THREADS="2") == ["0 0"]
+    assert run("forked", voxel_rom, OMP_NUM_THREADS="2") == ["0 0"]

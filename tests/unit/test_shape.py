@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from scipy.sparse import csr_array
 
 from benchmarks.truths.compiled import shape_functions
-from tests.scenes import beam, refused, refuses
+from tests.scenes import refuses
 
 KERNELS = ("quintic", "cubic")
 WINDOWS = ("product", "radial")
@@ -238,5 +238,3 @@ def test_windows_of_radius_and_angle(kernel):
     assert_allclose(full[0, 1, 6:], full[0, 0, :-6], rtol=0, atol=1e-12)
     # third derivatives of the cubic spline jump
     assert_derivatives(source, support, place, step, 1e-7, 1e-5, **choice)
-    said = refused(beam(5, 3, approximation={"window": "polar"}))
-    assert "window: polar is only for geometry.kind = annulus; here geometry.kind = box" in said

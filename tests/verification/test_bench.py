@@ -6,7 +6,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from benchmarks import runner
@@ -16,12 +15,9 @@ from benchmarks.runner import WRONG, Truth, Truths, sized_tables
 from benchmarks.runs import solve_case
 from benchmarks.truths.deck_parts import probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.truths.peers import _curves
 from myork.bench import run_benches
-from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
 from myork.console import silent
-from myork.core.material import Material, stress
 from myork.errors import InputError
 from tests.scenes import refuses
 
@@ -58,7 +54,7 @@ def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.Monke
     def fails(*_: Any) -> dict[str, Any]:
         raise InputError("it is off")
 
-    monkeypatch.setattr("benchmarks.pivots.run", fails)
+    monkeypatch.setattr("benchmarks.pivots.view", fails)
     record = run_benches(["trust", "nonlinear"], tmp_path, quick=True)
     assert record["benches"]["trust"]["ended"] == "InputError: it is off"
     assert record["benches"]["nonlinear"]["cases"]
@@ -98,29 +94,6 @@ def test_race(tmp_path: Path) -> None:
     known = [race for race in bench["races"] if race["ratio"] is not None]
     assert all(race["error"] >= 2 * race["doubt"] for race in known)
     assert len(bench["plots"]) == 4
-
-
-def test_compiled_peers_get_the_curves_of_the_core() -> None:
-    """Forces of fibers that dolfinx gets, piece by piece, beside those in the core's stress."""
-    table = dict(MUSCLE, sigma_max=30.0, lambda_o=1.0, gamma1=0.05, gamma2=6.6, curve="smooth")
-    stretches = np.linspace(0.2, 1.9, 60)
-    f = np.array([np.diag([s, s**-0.5, s**-0.5]) for s in stretches])
-
-    def axial(activation: float, **other: float) -> Any:
-        law = Material.of_table({**table, **other})
-        return stress(law, f, fiber=(1.0, 0.0, 0.0), activation=activation)[:, 0, 0]
-
-    def value(pieces: Any, at: float) -> float:
-        piece = next(piece for piece in reversed(pieces) if at > piece["start"])
-        t = at - piece["centre"]
-        grown = piece.get("amplitude", 0.0) * np.exp(piece.get("rate", 0.0) * t)
-        return float(np.polynomial.Polynomial(piece["c"])(t) + grown)
-
-    # of a uniaxial stress two thirds are deviatoric
-    wanted = (axial(1.0) - axial(0.0), axial(0.0) - axial(0.0, gamma1=0.0))
-    for pieces, part in zip(_curves(table), wanted, strict=True):
-        found = [20.0 * value(pieces, at) for at in stretches]
-        np.testing.assert_allclose(found, part, rtol=1e-9, atol=1e-9)
 
 
 def test_trust(tmp_path: Path) -> None:
@@ -205,7 +178,7 @@ def test_errors_of_an_answer() -> None:
     found = truths.errors({"u": 2.1, "f": -1.0}, {"u": 0.06})
     assert found["error"] == {"u": pytest.approx(0.05), "f": 0.0}
     assert found["off"] == pytest.approx(0.04) and found["held"] == "0 of 1"
-    assert found["error displacement"] == pytest.approx(0.05) and found["bar force"] is None
+    assert found["error displacement"] == pytest.approx(0.05)
     # a force that symmetry makes zero, beside another
     zero = Truths({"f": "force", "g": "force"}, {"f": Truth(10.0, 0), "g": Truth(1e-15, 0)})
     assert zero.errors({"f": 10.0, "g": 1e-4}, {})["error"]["g"] == pytest.approx(0.01)
@@ -217,6 +190,6 @@ def test_corners_inside_out_near_a_probe_are_named() -> None:
     tables = sized_tables(problem.tables, problem.sizes[0])
     corner = {**tables, "probe": [*tables["probe"], probe("corner", "u_x", (2.9, 0.9))]}
     case = solve_case(corner)
-    assert case["min_J"] < 0 and case["verdict"]["state"] == "doubtful"
+    assert case["verdict"]["state"] == "doubtful"
     (reason,) = (text for text in case["verdict"]["reasons"] if "near probe corner" in text)
     assert "the material is inverted (in 0.29 % of the volume, near probe corner)" in reason

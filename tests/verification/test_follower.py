@@ -231,8 +231,6 @@ def test_a_spring_is_as_stiff_whatever_its_amplitude():
 
 
 @pytest.mark.parametrize(("tables", "message"), [
-    (tendon({"set": "z1", "u_z": 0, "tendon": 20, "direction": [0, 0, 1]}),
-     "boundary.z1.u_z: cannot be combined"),
     (pressed({"amplitude": "a", "spring": [1, 1, 1]},
              amplitude=[{"name": "a", "time": [0, 1], "value": [0, 1]}]),
      "nothing here varies with it: the stiffness of a spring or tendon"),

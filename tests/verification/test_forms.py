@@ -10,10 +10,8 @@ import re
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.optimize import brentq
 
 from benchmarks.truths import exact, manufactured
-from benchmarks.truths.measures import observed_order, oscillation
 from myork.core.scene import Scene
 from myork.errors import InputError
 from tests import scenes
@@ -26,19 +24,6 @@ ESSENTIAL = ["penalty", "transformation"]
 #: What the penalty of a source point leaves of a displacement, in a body of unit size
 NEARLY = 1e-5
 VOIGT = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
-
-
-def cauchy(f, bulk):
-    """Cauchy stress of the rubber, from dW/dI1 alone; written apart from the code under test.
-
-    Where K is infinite, the part that the pressure does not know.
-    """
-    j = np.linalg.det(f)
-    b = f @ f.T * j ** (-2 / 3)
-    i1 = np.trace(b)
-    slope = 37.3 - 6.2 * (i1 - 3) + 1.5 * (i1 - 3) ** 2
-    pressure = 0.0 if np.isinf(bulk) else bulk * (j - 1)
-    return 2 * slope / j * (b - i1 / 3 * np.eye(3)) + pressure * np.eye(3)
 
 
 # ---- patch test ----------------------------------------------------------------------------------
@@ -97,7 +82,10 @@ def test_patch(open_scene, name, essential):
     right = opened.points() @ SLOPE[:nd, :nd].T
     f = np.eye(3)
     f[:nd, :nd] += SLOPE[:nd, :nd]
-    stress = cauchy(f, 1e3)
+    # of the principal stretches, by formulas apart from the code under test
+    square, axes = np.linalg.eigh(f @ f.T)
+    rubber = exact.Polynomial.from_deck(RUBBER)
+    stress = axes * exact.homogeneous(rubber, np.sqrt(square))[1] @ axes.T
     near = (1e-10, 1e-7) if method in STRONG else (1e-11, 1e-11)
     if essential == "transformation":
         # the penalty of source points, 1e4 shear moduli, and K multiply the rounding of values
@@ -121,25 +109,6 @@ def test_patch(open_scene, name, essential):
 
 
 # ---- homogeneous states --------------------------------------------------------------------------
-
-
-def uniform(stretches, bulk):
-    """F and Cauchy stress of stretches along the axes, where not given those of free sides."""
-    free = [axis for axis, stretch in enumerate(stretches) if stretch is None]
-
-    def state(side):
-        f = np.diag([side if stretch is None else stretch for stretch in stretches])
-        return f, cauchy(f, bulk)
-
-    if not free:
-        return state(1.0)
-    guess = np.prod([stretch for stretch in stretches if stretch]) ** (-1 / len(free))
-    if np.isinf(bulk):
-        f, stress = state(guess)
-        return f, stress - stress[free[0], free[0]] * np.eye(3)
-    side = brentq(lambda s: state(s)[1][free[0], free[0]], 0.5 * guess, 2 * guess,
-                  xtol=1e-15, rtol=1e-14)  # fmt: skip
-    return state(side)
 
 
 #: Form, points along an edge, bulk modulus, stretches of the ends, and what is left of Newton's
@@ -168,9 +137,11 @@ def test_homogeneous_states_are_exact(open_scene, method, n, bulk, ends, near_f,
     opened = open_scene(tables, f"material.K={bulk}")
     assert opened.deck["material"][0]["K"] == bulk
     fields = opened.fields(opened.solve(error=False).x[-1], 1.0)
-    f, stress = uniform([*ends, 1.0][:3], bulk)
+    held_ends = [end for end in [*ends, 1.0][:3] if end]
+    lam, stress = exact.homogeneous(exact.Polynomial.from_deck(RUBBER, bulk), held_ends)
+    f = np.diag(lam)
     assert_allclose(fields.f, np.tile(f, (len(fields.f), 1, 1)), rtol=0, atol=near_f * f.max())
-    wanted = np.tile(np.diag(stress), (len(fields.f), 1))
+    wanted = np.tile(stress, (len(fields.f), 1))
     size = np.abs(wanted).max()
     assert_allclose(fields.cauchy[:, :3], wanted, rtol=0, atol=near * size)
     # the cosine of an angle near 0 loses half of the digits of equal principal values
@@ -182,24 +153,6 @@ def test_homogeneous_states_are_exact(open_scene, method, n, bulk, ends, near_f,
 
 
 CUBIC = ("approximation.order=1", "approximation.support=1.65", "approximation.kernel=cubic")
-
-
-@pytest.mark.parametrize("method", WEAK)
-def test_simple_shear_without_change_of_volume_is_exact(open_scene, method):
-    """Held at four sides, free at the two that set the pressure."""
-    tables = scene(
-        method, box(4, 4, 4, places=(3, 3, 3)), approximation=LINEAR, material=[RIGID],
-        boundary=[held(side) for side in SIDES[:4]], galerkin={"gauss": 2},
-    )  # fmt: skip
-    opened = open_scene(tables)
-    x = opened.field_points()
-    u = 0.8 * x[:, [1]] * [1, 0, 0]
-    opened.set_fields(0 * u, u, np.zeros((len(x), 3, 3)))
-    fields = opened.fields(opened.solve(error=False).x[-1], 1.0)
-    wanted = exact.simple_shear(exact.Polynomial.from_deck(RIGID, np.inf), 0.8)
-    assert_allclose(fields.cauchy[:, 3], wanted, rtol=1e-8)
-    assert_allclose(fields.cauchy[:, 2], 0.0, atol=1e-8 * wanted)
-    assert_allclose(np.linalg.det(fields.f), 1.0, atol=1e-10)
 
 
 # ---- tangents ------------------------------------------------------------------------------------
@@ -295,7 +248,7 @@ def test_a_symmetry_plane_beside_a_held_wall_carries_its_force():
 
 
 PROBLEMS = {problem.name: problem for problem in manufactured.PROBLEMS}
-MILD = [manufactured.Problem("muscle", 2, (50.0, 50.0), n, n + 1.0, ()) for n in (1, 2)]
+MILD = [manufactured.Problem("muscle", 2, (50.0, 50.0), n, n + 1.0) for n in (1, 2)]
 #: Problem, form, points along an edge, least orders of displacement and stress, and a bound on the
 #: displacement's error at the finer size. Galerkin forms have 2 and 1 with a linear basis, 3 and 2
 #: with a quadratic one, less what is left of the next order; the others a little below what was
@@ -319,8 +272,9 @@ def test_orders(name):
     which, method, sizes, least_u, least_stress, bound = ORDERS[name]
     cases = [manufactured.solve(which, method, n) for n in sizes]
     assert [case["outcome"] for case in cases] == ["converged"] * 2, cases
-    assert observed_order(cases, "u_error") > least_u
-    assert observed_order(cases, "stress_error") > least_stress
+    for key, least in (("u_error", least_u), ("stress_error", least_stress)):
+        errors, spacings = ([case[own] for case in cases] for own in (key, "h"))
+        assert np.diff(np.log(errors)) / np.diff(np.log(spacings)) > least, key
     assert cases[-1]["u_error"] < bound
 
 
@@ -424,7 +378,7 @@ def test_stress_does_not_alternate_from_cell_to_cell(inputs):
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     line = np.isclose(points[:, 1:], middle[1:]).all(axis=1)
     assert line.sum() == 33
-    assert oscillation(stress[line]) < 0.03
+    assert np.abs(np.diff(stress[line], 2)).max() < 0.03 * abs(np.mean(stress[line]))
 
 
 @pytest.mark.parametrize("method", WEAK)
@@ -449,10 +403,10 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_th
     more = {"approximation": LINEAR, "load": {"activation": 0.3, "steps": 6}}
     muscle = {**MUSCLE, "fiber": [0.5, 0.0, 0.87]}
     tables = gripped("rkpm-scni", box(5, 5, 5, places=(6, 6, 6)), muscle, "z0 z1", **more)
-    exact = solved(tables, "solver.tolerance=1e-10").states.x[-1]
+    right = solved(tables, "solver.tolerance=1e-10").states.x[-1]
     for tolerance in (1e-6, 1e-9):
         states = solved(tables, "galerkin.direct_limit=0", f"solver.tolerance={tolerance}").states
-        assert abs(states.x[-1] - exact).max() < 10 * tolerance * abs(exact).max()
+        assert abs(states.x[-1] - right).max() < 10 * tolerance * abs(right).max()
         if tolerance == 1e-6:
             # without pressures every load step takes as many as the first one
             assert max(states.iterations[2:]) < states.iterations[0]
@@ -524,25 +478,6 @@ def test_values_follow_amplitudes_and_rotations(open_scene):
     assert abs(found["t1"][-2, 0]) > 0.5
 
 
-def test_annulus_with_a_radial_wall_and_symmetry_planes(open_scene):
-    """Three sets, corners that two of them hold; the forces of the planes balance the wall's."""
-    walls = [{"set": "inner", "radial": 0.5}, *scenes.PLANES[:2]]
-    tables = sheared(
-        2, "rkpm-gauss", boundary=walls, geometry=scenes.annulus(4, 13, places=(4, 13))
-    )
-    tables["probe"] = forces(*(wall["set"] for wall in walls))
-    opened = open_scene(tables)
-    found = solved(opened)
-    x, u = opened.points(), found.fields.u
-    inner = np.isclose(np.linalg.norm(x, axis=1), 6)
-    assert_allclose(u[inner, :2], 0.5 * x[inner] / 6, atol=NEARLY)
-    assert np.abs(u[np.isclose(x[:, 0], 0), 0]).max() < NEARLY
-    assert np.abs(u[np.isclose(x[:, 1], 0), 1]).max() < NEARLY
-    pull = np.array(list(found.ends().values()))
-    assert_allclose(pull.sum(axis=0)[:2], 0, atol=1e-7 * np.abs(pull).max())
-    assert np.abs(pull[0]).max() > 1
-
-
 def test_force_is_the_derivative_of_the_energy():
     """dE/du of a plate that moves is its force; supports that give way have no part in it."""
     tables = sheared(3, "rkpm-gauss")
@@ -560,9 +495,9 @@ def test_the_penalty_comes_to_it_as_it_grows():
         tables = sheared(3, "rkpm-gauss", galerkin={"gauss": 2, **galerkin})
         return solved(tables).ends()["z1"]
 
-    exact = force(essential="transformation")
-    off = [force(penalty=penalty) - exact for penalty in (10.0, 100.0, 1e4)]
-    distance = np.linalg.norm(off, axis=1) / np.linalg.norm(exact)
+    right = force(essential="transformation")
+    off = [force(penalty=penalty) - right for penalty in (10.0, 100.0, 1e4)]
+    distance = np.linalg.norm(off, axis=1) / np.linalg.norm(right)
     assert distance[0] > 2 * distance[1] > 4 * distance[2], distance
     assert distance[2] < 2e-3
 

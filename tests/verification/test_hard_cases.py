@@ -13,11 +13,10 @@ import pytest
 from benchmarks.runner import sized_tables
 from benchmarks.runs import METHODS, PUBLISHED_BLOCK
 from benchmarks.truths import exact
-from benchmarks.truths.bodies import stretched
 from benchmarks.truths.exact import along_fibers
 from myork.bench.materials import RUBBER
 from myork.bench.runs import lattice, read_deck
-from tests.scenes import Answer, solved
+from tests.scenes import PLANES, Answer, scene, solved
 
 pytestmark = pytest.mark.nightly
 
@@ -121,6 +120,7 @@ def test_flat_cells_and_two_layers(form, height, source):
     stress = exact.uniaxial(law, 1.2)
     body = {"kind": "box", "size": [1, 1, height]}
     point = [{"name": "stress", "quantity": "cauchy_xx", "point": [0.5, 0.5, 0.5 * height]}]
-    tables: Any = stretched(method=form) | {"geometry": body, "approximation": {}, "probe": point}
+    end = {"set": "x1", "u_x": 0.2}
+    tables: Any = scene(form, body, material=[RUBBER], boundary=[*PLANES, end], probe=point)
     found = solved(sized_tables(tables, source), error=True)
     check(found, stress, swells(law.bulk, stress), **ITERATED)

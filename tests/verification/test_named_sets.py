@@ -72,33 +72,31 @@ def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: s
     assert np.array_equal(solved(side, *points).states.x, solved(own, *points).states.x)
 
 
-def test_a_whole_side_has_the_force_and_bars_of_that_side() -> None:
+def sliding(left: str, low: str) -> dict[str, Any]:
     """A slide beside a clamped side, whose forces are those of a motion of both."""
+    ends = [{"set": left, "u_x": 0}, held(low, 2), {"set": "x1", "u_y": 0, "traction": [3, 0]}]
+    wanted = probes(f"slide force_x {left}", f"wall force_x {low}", "s cauchy_yy 0.5 0")
+    return scene("rkpm-gauss", box(9, 9), material=[neo(10, 1e3)], boundary=ends, probe=wanted)
+
+
+def ring(end: str, _: str) -> dict[str, Any]:
+    """A quarter ring that is held at an end and pulled at its outer wall."""
+    body = {"kind": "annulus", "inner_radius": 1, "outer_radius": 1.6, "source": [5, 9]}
+    return scene(
+        "rkpm-gauss", body, material=[neo(10, 200)], approximation={"order": 2},
+        boundary=[held(end, 2), {"set": "outer", "traction": [0.3, 0.1]}],
+        galerkin={"essential": "transformation"}, probe=probes("u u_x 1.1 0.7"),
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("body", [sliding, ring])
+def test_a_whole_side_has_the_force_and_bars_of_that_side(body: Any) -> None:
     sets = [{"name": "left", "side": "x0"}, {"name": "low", "side": "y0"}]
-    found = []
-    for left, low in ("x0", "y0"), ("left", "low"):
-        ends = [{"set": left, "u_x": 0}, held(low, 2), {"set": "x1", "u_y": 0, "traction": [3, 0]}]
-        wanted = probes(f"slide force_x {left}", f"wall force_x {low}", "s cauchy_yy 0.5 0")
-        body = scene("rkpm-gauss", box(9, 9), material=[neo(10, 1e3)], set=sets, boundary=ends)
-        found.append(solved(body | {"probe": wanted}, error=True))
-    for name in ("slide", "wall", "s"):
-        assert found[1].last()[name] == found[0].last()[name]
-        assert found[1].bar(name) == found[0].bar(name)
-
-
-def test_the_named_end_of_a_ring_has_the_bars_of_that_end() -> None:
-    found = []
-    for end in "x0", "end":
-        ends = [held(end, 2), {"set": "outer", "traction": [0.3, 0.1]}]
-        body = scene(
-            "rkpm-gauss",
-            {"kind": "annulus", "inner_radius": 1, "outer_radius": 1.6, "source": [5, 9]},
-            material=[neo(10, 200)], approximation={"order": 2}, boundary=ends,
-            set=[{"name": "end", "side": "x0"}], galerkin={"essential": "transformation"},
-            probe=probes("u u_x 1.1 0.7"),
-        )  # fmt: skip
-        found.append(solved(body, error=True))
-    assert found[1].bar("u") == found[0].bar("u")
+    own, side = (
+        solved(body(*ends) | {"set": sets}, error=True) for ends in (("left", "low"), ("x0", "y0"))
+    )
+    assert own.last() == side.last()
+    assert [own.bar(name) for name in own.last()] == [side.bar(name) for name in side.last()]
 
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm-mixed"])
@@ -246,37 +244,48 @@ def test_a_plane_map_has_as_many_sets_as_asked() -> None:
 
 SIDE = {"name": "pad", "side": "y1"}
 HALF = {"name": "pad", "side": "y0", "where": "x > 0.5"}
+OAK = neo(4.0, 8 / 3, "oak")
+#: Between two load steps, at the time of an amplitude
+PULSE = {"name": "pulse", "time": [0, 0.1, 0.11, 0.12, 1], "value": [0, 0, 1, 0, 0]}
 
 
-@pytest.mark.parametrize(("sets", "boundary", "what"), [
-    ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
-    ([SIDE, SIDE], {}, "is already used"),
-    ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
-    ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
-    ([SIDE | {"where": "ny < -0.7"}], {}, "no place of the surface lies in it; coordinates are"),
-    ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box; there are x0, x1, y0"),
-    ([SIDE], {"set": "y0", "u_x": 0}, "is already used"),
-    ([HALF], {"set": "pad", "u_x": 0.1},
-     "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),
-    ([], {"set": "x0", "u_x": 0.1},
-     "x0 and y0 meet and prescribe two displacements, 0.1 and 0, for component 1 at (0, 0): leave"),
-    ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
-     "overlap at (0.625, 0), where a tendon moves one of them as a plate"),
-    ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
-     "set pad: it contains 1 boundary points, but none of the"),
+def pulled(*material: dict[str, Any]) -> dict[str, Any]:
+    """A strip that is pulled with a stress of 1e-4 along x."""
+    body, end = box(21, 5, size=[1, 0.2]), {"traction": [1e-4, 0]}
+    load = {"steps": 1}
+    return scenes.loaded("rkpm-gauss", body, material, "x0 x1", end, "end u_x 1 0.1", load=load)
+
+
+@pytest.mark.parametrize(("tables", "what"), [
+    *((column("rkpm-gauss", sets, [boundary] if boundary else [], amplitude=[PULSE]), what)
+      for sets, boundary, what in (
+        ([SIDE | {"name": "x1"}], {}, "'x1' is a side of this body"),
+        ([SIDE, SIDE], {}, "is already used"),
+        ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
+        ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
+        ([SIDE | {"where": "ny < -0.7"}], {}, "no place of the surface lies in it; coordinates ar"),
+        ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box; there are x0, x1, y0"),
+        ([SIDE], {"set": "y0", "u_x": 0}, "is already used"),
+        ([HALF], {"set": "pad", "u_x": 0.1},
+         "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),
+        ([], {"set": "x0", "u_x": 0.1},
+         "x0 and y0 meet and prescribe two displacements, 0.1 and 0, for component 1 at (0, 0): "),
+        ([], {"set": "x0", "u_x": 0.1, "amplitude": "pulse"},
+         "x0 and y0 meet and prescribe two displacements, 0.1 and 0, for comp"),
+        ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
+         "overlap at (0.625, 0), where a tendon moves one of them as a plate"),
+        ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
+         "set pad: it contains 1 boundary points, but none of the"))),
+    # which material lies where
+    (pulled(CORK | {"where": "x < 0.5"}), "material.cork.where: no material is given at"),
+    (pulled(CORK, OAK), "material.cork.label: missing"),
+    (pulled(CORK, OAK | {"where": "x > 2"}), "material.oak.where: no point lies there"),
+    (pulled(CORK, OAK | {"where": "x > q"}), "material.oak.where: 'x > q' is not an expressio"),
+    (pulled(CORK | {"where": "x < 1"}, OAK), "material.oak.where: missing: only the first"),
+    (pulled(CORK | {"label": 1}, OAK | {"where": "x < 1"}), "material.cork.label: cannot be given"),
 ])  # fmt: skip
-def test_sets_that_cannot_be(sets: list[Any], boundary: dict[str, Any], what: str) -> None:
-    tables = column("rkpm-gauss", sets, [boundary] if boundary else [])
+def test_sets_and_materials_that_cannot_be(tables: dict[str, Any], what: str) -> None:
     assert what in refused(tables)
-
-
-def test_displacements_that_differ_for_a_moment_only() -> None:
-    """Between two load steps, at the time of an amplitude."""
-    tables = column("rkpm-gauss", [], [{"set": "x0", "u_x": 0.1, "amplitude": "pulse"}])
-    tables["amplitude"] = [
-        {"name": "pulse", "time": [0, 0.1, 0.11, 0.12, 1], "value": [0, 0, 1, 0, 0]}
-    ]
-    assert "x0 and y0 meet and prescribe two displacements, 0.1 and 0, for comp" in refused(tables)
 
 
 def test_loads_of_sets_that_overlap_add() -> None:
@@ -296,31 +305,7 @@ def test_areas_of_sets_are_written(tmp_path):
     assert sizes == pytest.approx({"pad": 0.7, "end": 1.0}, rel=2e-3)
 
 
-# ---- which material lies where -------------------------------------------------------------------
-
-OAK = neo(4.0, 8 / 3, "oak")
-
-
-def pulled(*material: dict[str, Any]) -> dict[str, Any]:
-    """A strip that is pulled with a stress of 1e-4 along x."""
-    body, end = box(21, 5, size=[1, 0.2]), {"traction": [1e-4, 0]}
-    load = {"steps": 1}
-    return scenes.loaded("rkpm-gauss", body, material, "x0 x1", end, "end u_x 1 0.1", load=load)
-
-
 def test_the_later_material_fills_what_two_hold() -> None:
     one = last(pulled(CORK, OAK | {"where": "x > 0.5"}))
     two = last(pulled(OAK, CORK | {"where": "x <= 0.5 and r >= 0"}))
     assert two == pytest.approx(one, rel=1e-9)
-
-
-@pytest.mark.parametrize(("tables", "what"), [
-    (pulled(CORK | {"where": "x < 0.5"}), "material.cork.where: no material is given at"),
-    (pulled(CORK, OAK), "material.cork.label: missing"),
-    (pulled(CORK, OAK | {"where": "x > 2"}), "material.oak.where: no point lies there"),
-    (pulled(CORK, OAK | {"where": "x > q"}), "material.oak.where: 'x > q' is not an expressio"),
-    (pulled(CORK | {"where": "x < 1"}, OAK), "material.oak.where: missing: only the first"),
-    (pulled(CORK | {"label": 1}, OAK | {"where": "x < 1"}), "material.cork.label: cannot be given"),
-])  # fmt: skip
-def test_materials_that_cannot_be(tables: dict[str, Any], what: str) -> None:
-    assert what in refused(tables)

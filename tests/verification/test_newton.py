@@ -12,7 +12,6 @@ from numpy.testing import assert_allclose
 
 from myork import Scene, run_deck
 from myork.bench import materials
-from myork.core.deck import load_deck
 from myork.errors import ConvergenceError
 from tests import scenes
 from tests.scenes import RUBBER, box, execute, gripped, history, loaded, neo, scene, solved
@@ -101,15 +100,7 @@ def test_a_load_that_no_state_carries_costs_few_iterations() -> None:
 def test_the_last_attempt_is_let_run(push: float) -> None:
     """A block under a dead load of hundreds of its modulus: only a slow attempt, or one with a far
     first iterate, converges."""
-    tables = scene(
-        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2},
-        boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
-                  {"set": "y1", "u_y": -0.43, "amplitude": "press"},
-                  {"set": "x1", "traction": [push, 0], "amplitude": "push"}],
-        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
-                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
-    )  # fmt: skip
-    with Scene.from_tables(tables) as body:
+    with Scene.from_tables(scenes.pushed(push)) as body:
         assert body.solve(error=False).load[-1] == 1.0
 
 
@@ -122,43 +113,31 @@ STIFF = {**RUBBER, "name": "stiff", "K": 1e5}
 MUSCLE = {**materials.MUSCLE, "K": 5e3}
 
 
-def cube(points: int, material: Any = RUBBER, *wanted: str, **geometry: float) -> dict[str, Any]:
+def cube(points: int, material: Any = RUBBER, method: str = "auto") -> dict[str, Any]:
     """A cube between glued plates, 30 % shorter."""
-    return gripped("auto", box(*[points] * 3, **geometry), material, "z0 z1", *wanted, u_z=-0.3)
+    return gripped(method, box(points, points, points), material, "z0 z1", u_z=-0.3)
 
 
-def sheet(material: dict[str, Any]) -> dict[str, Any]:
-    return gripped("auto", box(9, 5, size=[2, 1]), material, "x0 x1", u_x=1.0)
-
-
-#: Tables and the method that they get
-DECKS: dict[str, tuple[dict[str, Any], str]] = {
-    "soft sheet": (sheet(SOFT), "rkpm-gauss"),
-    "stiff sheet": (sheet(STIFF), "rkpm-gauss"),
-    "soft cube": (cube(5, SOFT), "rkpm-gauss"),
-    "stiff cube": (cube(5, STIFF), "rkpm-gauss"),
-    "stiff cube, even number of points": (cube(6, STIFF), "rkpm-gauss"),
-    "cube of nodal cells": (cube(5) | {"scene": {"dimension": 3, "method": "rkpm"}}, "rkpm-scni"),
-    "tube": (
-        scene("auto", scenes.annulus(5, 15), material=[STIFF],
-              boundary=[*scenes.PLANES[:2], {"set": "inner", "radial": 4}]), "rkpm-gauss",
-    ),
-    "beam": (scenes.beam(17, 5), "rkpm-gauss"),
-    "beam far beyond its length": (scenes.beam(17, 5, load=20.0), "rkpm-gauss"),
-    "muscle": (
-        gripped("auto", box(4, 4, 7, size=[1, 1, 2]), {**MUSCLE, "fiber_angle": 30}, "z0 z1",
-                load={"activation": 0.3}), "rkpm-gauss",
-    ),
+DECKS: dict[str, dict[str, Any]] = {
+    **{f"{one['name']} sheet": gripped("auto", box(9, 5, size=[2, 1]), one, "x0 x1", u_x=1.0)
+       for one in (SOFT, STIFF)},
+    "soft cube": cube(5, SOFT), "stiff cube": cube(5, STIFF),
+    "stiff cube, even number of points": cube(6, STIFF), "nodal cells": cube(5, method="rkpm"),
+    "tube": scene("auto", scenes.annulus(5, 15), material=[STIFF],
+                  boundary=[*scenes.PLANES[:2], {"set": "inner", "radial": 4}]),
+    "beam": scenes.beam(17, 5), "beam far beyond its length": scenes.beam(17, 5, load=20.0),
+    "muscle": gripped("auto", box(4, 4, 7, size=[1, 1, 2]), {**MUSCLE, "fiber_angle": 30}, "z0 z1",
+                      load={"activation": 0.3}),
 }  # fmt: skip
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DECKS)
 def test_one_load_step_ends_where_eight_do(name: str) -> None:
-    """Elastic bodies do not know the way; step and gradient end at 1e-6 of the first ones."""
-    tables, method = DECKS[name]
-    deck = load_deck(tables)
-    assert deck["scene"]["method"] == method and deck["load"]["steps"] == 1
+    """Elastic bodies do not know the way; step and gradient end at 1e-6 of the first ones. Forms
+    that decks get: tests/unit/test_defaults.py.
+    """
+    tables = DECKS[name]
     states = solved(tables, error=True).states
     slow = {**tables, "load": {**tables.get("load", {}), "steps": 8}}
     wanted = solved(slow).states.x[-1]

@@ -214,9 +214,9 @@ def open_plates(open_scene):
     data = np.ones(PLATES)
     data[3:] = 2
 
-    def open_(fibers, method="rkpm"):
+    def open_(fibers):
         tables = scene(
-            method, {}, material=[SOFT, MUSCLE], boundary=[held("bottom")],
+            "rkpm", {}, material=[SOFT, MUSCLE], boundary=[held("bottom")],
             approximation={**scenes.LINEAR, "interface": 2, "interface_fibers": fibers},
             load={"activation": 0.7},
         )  # fmt: skip
@@ -256,11 +256,6 @@ def test_fibers_of_shares_beside_a_muscle(open_plates, fibers):
 
 def test_tangent_where_only_a_part_has_fibers(open_plates):
     scenes.check_weak_tangent(open_plates("own"))
-
-
-def test_strong_forms_refuse_fibers_that_jump(open_plates):
-    said = "interface_fibers: only for .* rkpm-gauss; here"
-    scenes.refuses(said, open_plates, "own", method="rkcm")
 
 
 def squeezed(bulk, layers):

@@ -24,16 +24,11 @@ from myork.model_file import write_model
 from myork.sweeps import run
 from myork.sweeps.plan import make_plan
 from tests import scenes
-from tests.scenes import box, gripped, neo, refuses, solved, wait_for
+from tests.scenes import probes, refuses, solved, wait_for
 from tests.unit.test_scene_from_tables import BLOCK, cloud
 
-#: A strip that is pulled; quick to solve
-STRIP = text_of_tables(
-    gripped(
-        "auto", box(5, 3, size=[2, 1], places=(5, 3)), neo(10, 1000), "x0 x1",
-        "pull force_x x1", "middle u 1 0.5", title="strip", u_x=0.2,
-    )
-)  # fmt: skip
+WANTED = probes("pull force_x x1", "middle u 1 0.5")
+STRIP = text_of_tables(scenes.strip(5, 3, places=(5, 3), probe=WANTED))
 #: What a point gives that is not solved
 SOLVED = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
 MU = "material.rubber.mu"

@@ -17,7 +17,6 @@ import pytest
 
 from myork import Scene, make_report, run_deck
 from myork.bench.runs import lattice
-from myork.core import material as core_material
 from myork.core.states import States
 from myork.errors import ConvergenceError, InputError, MyorkError, RefusedError
 from tests import scenes
@@ -50,16 +49,16 @@ def ring(radii: tuple[float, float], source: list[int], material: list[Any], **i
     return scene(
         "auto", scenes.annulus(*source, radii=radii, places=source), material=material,
         boundary=[*scenes.PLANES[1::-1], {"set": "inner", **inner}],
-        load={"steps": 1, "max_halvings": 3}, probe=scenes.probes("inside u inner"),
+        load={"steps": 1, "max_halvings": 3}, probe=probes("inside u inner"),
     )  # fmt: skip
 
 
-def squeezed(source: list[int], radial: float) -> Any:
+def squeezed(source: list[int], radial: float, *wanted: str) -> Any:
     """A ring whose bore is pressed inward while its outside is held."""
     rubber = {"name": "a", "model": "mooney-rivlin", "C1": 5.4, "C2": 1.35, "K": 6725.0}
     tables = ring((2.477, 4.34), source, [rubber], radial=radial)
     tables["boundary"].insert(2, {"set": "outer", "radial": 0.0})
-    tables["probe"].append({"name": "middle", "quantity": "u", "point": [2.4, 2.4]})
+    tables["probe"] = probes(*(wanted or ("inside u inner",)))
     # beside exact values the other solution takes the penalty, by which few points fold
     tables["galerkin"] = {"essential": "transformation"}
     return tables
@@ -73,13 +72,100 @@ def test_another_branch_gives_no_bars() -> None:
     assert np.isnan(found.bars["inside"][-1]).all()
 
 
-def test_three_cells_do_not_refuse_six() -> None:
-    """Three cells across fold, four do not: the answer is that of twelve cells."""
-    states, found = solved(squeezed([7, 8], -0.2))
-    finer = scenes.solved(squeezed([13, 15], -0.2)).ends()["middle"]
-    assert states.verdict == "accepted"
-    value, bar = found.ends()["middle"][:2], found.bars["middle"][-1][:2]
-    assert (abs(value - finer[:2]) <= bar).all() and (bar < 0.02 * abs(value)).all()
+def pulling(*source: int) -> Any:
+    """A muscle between held ends, of which two fifths are active."""
+    muscle = {**scenes.MUSCLE, "K": 5000.0, "fiber": [1, 0, 0], "activation": "0.15*(y < 0.4)"}
+    body = box(*source, size=[2, 1])
+    return gripped("rkpm-gauss", body, muscle, "x0 x1", "force force_x x1")
+
+
+def turned(*source: int) -> Any:
+    """A ring turned by its outer wall."""
+    places = [(2.5 * np.cos(a), 2.5 * np.sin(a)) for a in np.radians([0, 20, 70, 90])]
+    lines = [f"p{i}{c} u_{c} {x:.9f} {y:.9f}" for i, (x, y) in enumerate(places) for c in "xy"]
+    return scene(
+        "auto", scenes.annulus(*source, radii=(2, 3), places=source), material=[neo(10, 1e3)],
+        boundary=[held("inner", 2), {"set": "outer", "rotation": 5.0, "about": [0, 0]}],
+        probe=probes(*lines, "end u_x 2.9 0"),
+    )  # fmt: skip
+
+
+def included(points: int) -> Any:
+    """A square that conducts, with a round inclusion, which has no planes."""
+    ends = {"set": "x0", "u": 0}, {"set": "x1", "u": 1}, {"set": "y0", "u": "x"}
+    law = {"problem": "poisson", "conductivity": "1 + 9*((x-0.5)^2 + (y-0.5)^2 < 0.06)"}
+    body = box(points, points)
+    return scene("auto", body, linear=law, boundary=ends, probe=probes("value u 0.5 0.7"))
+
+
+#: Deck, or name and overrides of one of inputs/; truths, or the deck that has them, and by how much
+#: they may be off; the verdict; the widest bar, of the value
+COVERED: dict[str, tuple[Any, Any, float, str, float]] = {
+    # three cells across fold, four do not: the answer is that of twelve cells
+    "half as many cells fold": (
+        squeezed([7, 8], -0.2, "x u_x 2.4 2.4", "y u_y 2.4 2.4"),
+        squeezed([13, 15], -0.2, "x u_x 2.4 2.4", "y u_y 2.4 2.4"), 0.0, "accepted", 0.02,
+    ),
+    # the muscle moves by hundredths of what the same stress would make of a free one: half as many
+    # cells have its force, and a third of that less or more
+    "hardly any displacement": (pulling(17, 9), pulling(49, 25), 0.0, "accepted", 1.0),
+    # few points by exact values are as far off as more of them by the penalty, to the same side,
+    # and their difference is a third of the error. Truth: -0.2012 by 96 x 64 elements of order two
+    # that are fine towards the corners, still rising; -0.2024 by 49 x 33 points, falling
+    "a penalty that agrees by chance": (
+        scenes.loaded("rkpm-gauss", box(25, 17, size=[1.5, 1.0]), neo(10.0, np.inf), "x0 x1",
+                      {"u_x": 0.0, "u_y": 0.2241}, "pull force_x x0", "u u_y 0.75 1"),
+        {"pull": -0.2012, "u": 0.1071}, 0.0, "accepted", 0.02,
+    ),
+    # beside an answer that holds exactly, half as many points by the penalty alone came as near by
+    # chance: 2.7 bars off. Truth: 36x36 finite elements of order two, graded to the rims, which
+    # change it by .0051 from 24x24
+    "a strip pressed between glued ends": (
+        scene(
+            "auto", box(17, 33, size=[0.5, 1], places=(17, 33), graded=["x0", "x1", "y0", "y1"]),
+            approximation={"order": 2, "support": 3, "kernel": "quintic"}, material=[neo(10, 1e4)],
+            boundary=[held("x0", 2), held("x1", 2, u_x=-0.05)],
+            galerkin={"essential": "transformation"}, probe=probes("middle cauchy_xx 0.25 0.5"),
+        ), {"middle": -11.3558}, 0.0051, "", np.inf,
+    ),
+    # the force creeps with the points: 40 with 5^3, 38.0 with 9^3, 37.3 with 13^3, still falling;
+    # finite elements of order two with and without pressures do not converge at this load
+    **{f"a glued cube of {n} points across": (
+        gripped("rkpm-gauss", box(n, n, n), neo(20.0, 2000.0), "z0 z1", "force force_z z1",
+                u_z=-0.35), {"force": -37.3}, 0.0, "doubtful", np.inf,
+    ) for n in (5, 6)},
+    # held walls are singular at their free ends: displacements were off by up to 5 bars when their
+    # errors were taken to fall like those of an inflated ring
+    "a ring with rims": (turned(17, 13), turned(25, 49), 0.0, "", np.inf),
+    "a round inclusion": (included(11), included(61), 0.0, "", np.inf),
+    **{f"{deck}, {words[0]}": ((deck, words), {probe: value}, 0.0, "accepted", 0.05)
+       for deck, words, probe, value in (
+        ("uniaxial_tension", ("scene.method=rkcm",), "stress", 107185.0),
+        ("uniaxial_tension", GAUSS, "stress", 107185.0),
+        ("uniaxial_compression", ("scene.method=rkcm-mixed",), "stress", -7309.62),
+        ("equibiaxial", ("scene.method=rkcm", *lattice([5, 5, 3])), "stress", 349.300146),
+        ("dilation", ("scene.method=rkcm", *lattice([4, 4, 4])), "stress", 53750.0),
+        ("shear_2d", ("scene.method=rkcm-mixed", *lattice([17, 5])), "top_force", 247.93),
+        ("shear_2d", (*GAUSS, *lattice([17, 5])), "top_force", 247.93),
+        ("tube", ("scene.method=rkcm-mixed", *lattice([5, 26]), "material.K=1e3"),
+         "radial_stress", -15.588823))},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name.split(",")[0] != name)) for name in COVERED
+])  # fmt: skip
+def test_bars_contain_the_error(inputs: Path, name: str) -> None:
+    tables, truths, doubt, verdict, widest = COVERED[name]
+    deck, words = tables if isinstance(tables, tuple) else ("", ())
+    states, found = solved(inputs / f"{deck}.toml" if deck else tables, *words)
+    assert not verdict or states.verdict == verdict, states.reasons
+    assert verdict != "accepted" or not states.reasons
+    truths = scenes.solved(truths).last() if "scene" in truths else truths
+    for probe, truth in truths.items():
+        value, bar = found.last()[probe], found.bar(probe)
+        assert abs(value - truth) <= bar + doubt and bar <= widest * abs(truth), probe
+        assert not deck or abs(value / truth - 1) < 0.02
 
 
 def test_a_bar_does_not_depend_on_other_probes() -> None:
@@ -92,19 +178,6 @@ def test_a_bar_does_not_depend_on_other_probes() -> None:
         bars.append(found.bars["tip"][-1])
     assert found.bar("stress") > 0.1 * abs(found.last()["stress"]), "nothing was unresolved"
     np.testing.assert_array_equal(*bars)
-
-
-def test_hardly_any_displacement_is_no_doubt() -> None:
-    """Between held ends a muscle pulls, and moves by hundredths of what the same stress would
-    make of a free one: half as many cells have its force, and a third of that less or more.
-    """
-    muscle = {**scenes.MUSCLE, "K": 5000.0, "fiber": [1, 0, 0], "activation": "0.15*(y < 0.4)"}
-    body = box(17, 9, size=[2, 1])
-    tables = gripped("rkpm-gauss", body, muscle, "x0 x1", "force force_x x1")
-    states, found = solved(tables)
-    assert states.verdict == "accepted" and not states.reasons
-    finer = scenes.solved(tables | {"geometry": box(49, 25, size=[2, 1])}).last()
-    assert abs(found.last()["force"] - finer["force"]) < found.bar("force")
 
 
 @pytest.mark.parametrize("bulk", [1.0, 5.0, 15.0])
@@ -189,36 +262,6 @@ def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
     assert found.last()["waist"] == pytest.approx(-0.1599, rel=0.01)
 
 
-def test_a_penalty_that_agrees_by_chance_is_seen() -> None:
-    """A block that keeps its volume, sheared between glued ends: few points by exact values are as
-    far off as more of them by the penalty, to the same side, and their difference is a third of the
-    error. Truth: -0.2012 by 96 x 64 elements of order two that are fine towards the corners, still
-    rising; -0.2024 by 49 x 33 points, falling."""
-    end = {"u_x": 0.0, "u_y": 0.2241}
-    block = scenes.loaded("rkpm-gauss", box(25, 17, size=[1.5, 1.0]), neo(10.0, np.inf), "x0 x1",
-                          end, "pull force_x x0", "u u_y 0.75 1")  # fmt: skip
-    states, found = solved(block)
-    assert states.verdict == "accepted"
-    for name, truth in (("pull", -0.2012), ("u", 0.1071)):
-        assert abs(found.last()[name] - truth) <= found.bar(name) <= 0.02 * abs(truth)
-
-
-@pytest.mark.parametrize("points", [5, 6])
-def test_a_glued_cube_of_few_points_is_doubted(points: int) -> None:
-    """The force creeps with the points: 40 with 5^3, 38.0 with 9^3, 37.3 with 13^3.
-
-    Finite elements of order two with and without pressures do not converge at this load, so that
-    the reference is the finest lattice, still falling.
-    """
-    rubber = {"name": "it", "model": "neo-hookean", "mu": 20.0, "K": 2000.0}
-    tables = gripped(
-        "rkpm-gauss", box(points, points, points), rubber, "z0 z1", "force force_z z1", u_z=-0.35
-    )
-    states, found = solved(tables)
-    assert states.verdict == "doubtful"
-    assert abs(found.last()["force"] + 37.3) < found.bar("force")
-
-
 def test_a_traction_in_two_halves_has_the_bars_of_the_whole() -> None:
     """The second half acts on a set of its own, which is the same side."""
     wanted = "u u_y 2 0.5", "s cauchy_xx 1 0.25"
@@ -286,16 +329,8 @@ def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
     """A block pressed by 43 % between rollers is stable, although its tangent is not definite: a
     push that fails afterwards has not lost the branch there.
     """
-    tables = scene(
-        "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)], load={"steps": 2, "max_halvings": 0},
-        boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
-                  {"set": "y1", "u_y": -0.43, "amplitude": "press"},
-                  {"set": "x1", "traction": [-300, 0], "amplitude": "push"}],
-        amplitude=[{"name": "press", "time": [0, 0.5], "value": [0, 1]},
-                   {"name": "push", "time": [0, 0.5, 1], "value": [0, 0, 1]}],
-        solver={"max_iterations": 6},
-    )  # fmt: skip
-    with Scene.from_tables(tables) as body:
+    few = {"load": {"steps": 2, "max_halvings": 0}, "solver": {"max_iterations": 6}}
+    with Scene.from_tables(scenes.pushed(-300, **few)) as body:
         said = refuses("last converged load 0.5", body.solve, error=False, kind=ConvergenceError)
     assert "the branch is lost" not in said
     assert said.endswith("; use more load.steps or points, or less load")
@@ -322,27 +357,6 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     # half of the load is known as well in proportion
     assert states.probe_errors[0, 0, 0] == pytest.approx(0.5 * bar)
     assert np.all(np.abs(found.ends()["root"] - [0, -1, 0]) <= found.bars["root"][-1])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("deck", "overrides", "reference"), [
-    ("uniaxial_tension", ("scene.method=rkcm",), {"stress": 107185.0}),
-    ("uniaxial_tension", GAUSS, {"stress": 107185.0}),
-    ("uniaxial_compression", ("scene.method=rkcm-mixed",), {"stress": -7309.62}),
-    ("equibiaxial", ("scene.method=rkcm", *lattice([5, 5, 3])), {"stress": 349.300146}),
-    ("dilation", ("scene.method=rkcm", *lattice([4, 4, 4])), {"stress": 53750.0}),
-    ("shear_2d", ("scene.method=rkcm-mixed", *lattice([17, 5])), {"top_force": 247.93}),
-    ("shear_2d", (*GAUSS, *lattice([17, 5])), {"top_force": 247.93}),
-    ("tube", ("scene.method=rkcm-mixed", *lattice([5, 26]), "material.K=1e3"),
-     {"radial_stress": -15.588823}),
-])  # fmt: skip
-def test_right_answers_are_accepted_and_covered(inputs, deck, overrides, reference):
-    states, found = solved(inputs / f"{deck}.toml", *overrides)
-    assert states.verdict == "accepted", states.reasons
-    for name, wanted in reference.items():
-        value = found.last()[name]
-        assert abs(value / wanted - 1) < 0.02
-        assert abs(value - wanted) <= found.bar(name)
 
 
 @pytest.mark.slow
@@ -588,7 +602,6 @@ SMALL = (
     "geometry.size=[1,1,1]", "geometry.source=[3,3,3]", "geometry.collocation=[5,5,5]",
     "load.steps=4", "boundary.x1.u_x=0.6", "probe.stress.point=[0.5,0.5,0.5]",
 )  # fmt: skip
-MODULI = {"A10": 37.3, "A20": -3.1, "A30": 0.5}
 
 
 def solve(inputs: Path, out: Path, *overrides: str) -> dict[str, Any]:
@@ -598,40 +611,18 @@ def solve(inputs: Path, out: Path, *overrides: str) -> dict[str, Any]:
     return summary
 
 
-def dense_search(f: np.ndarray, bulk: float, **moduli: float) -> float:
-    """Least eigenvalue over many directions; an infinite K leaves motions across cof F N."""
-    rigid = bulk == np.inf
-    material = core_material.Material("rubber", bulk, **moduli)
-    flat = np.zeros((1, 3, 3, 3))
-    c4 = core_material.strong(material, f[np.newaxis], flat, volumetric=not rigid).tangent[0]
-    n = np.random.default_rng(1).normal(size=(40000, 3))
-    n /= np.linalg.norm(n, axis=1)[:, None]
-    q = np.einsum("iAkB,pA,pB->pik", c4, n, n)
-    if not rigid:
-        return float(np.linalg.eigvalsh(q).min())
-    across = n @ np.linalg.inv(f)
-    across /= np.linalg.norm(across, axis=1)[:, None]
-    normal = np.einsum("pi,pk->pik", across, across)
-    plane = np.eye(3) - normal
-    # the direction that is taken out gets an eigenvalue that is never the least
-    return float(np.linalg.eigvalsh(plane @ q @ plane + 1e6 * normal).min())
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("method", "bulk"), [("rkcm", "100"), ("rkcm", "1e8"), ("rkcm-mixed", "inf")]
-)
+@pytest.mark.parametrize(("method", "bulk"), [("rkcm", "1e8"), ("rkcm-mixed", "inf")])
 def test_least_eigenvalue(inputs: Path, tmp_path: Path, method: str, bulk: str) -> None:
-    summary = solve(inputs, tmp_path, f"scene.method={method}", f"material.K={bulk}")
+    """Of a neo-Hookean solid mu J^(-2/3), by motions that keep the volume; of any tangents:
+    tests/fortran/test_acoustic.f90.
+    """
+    words = f"scene.method={method}", f"material.K={bulk}", "material.A20=0", "material.A30=0"
+    summary = solve(inputs, tmp_path, *words)
     assert not any("ellipticity" in warning for warning in summary["warnings"])
-    modulus = float(bulk)
     for step in summary["steps"]:
-        stretch = 1 + 0.6 * step["load"]
-        # the volume ratio is the same at all points
-        f = np.diag([stretch, *[(step["min_J"] / stretch) ** 0.5] * 2])
-        wanted = dense_search(f, modulus, **MODULI) / (2 * MODULI["A10"])
-        found = step["min_acoustic"]["value"]
-        assert wanted - 1e-3 <= found <= wanted + 1e-4
+        least = step["min_J"] ** (-2 / 3)
+        assert step["min_acoustic"]["value"] == pytest.approx(least, rel=1e-4)
 
 
 def test_loss_is_reported_once(inputs: Path, tmp_path: Path) -> None:
