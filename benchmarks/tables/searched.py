@@ -34,8 +34,8 @@ def searched() -> Iterator[tuple[str, ...]]:
         even = np.array([_solved(sized_tables(problem.tables, points), truths)
                          for points in _lattices(problem.tables["geometry"]["size"])])  # fmt: skip
         cases = []
-        for accuracy in unseen.ACCURACIES:
-            case = _solved(problem.tables, truths, f"accuracy={accuracy}", "cost=15")
+        for words in unseen.at(0.05, 0.02, 0.01).values():
+            case = _solved(problem.tables, truths, *words)
             alike = even[even[:, 1] <= case[1]]
             cases.append([*case, case[3] / alike[:, 3].min() if len(alike) else np.nan])
         found.append(cases)

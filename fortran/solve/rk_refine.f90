@@ -57,6 +57,8 @@ module rk_refine
       logical :: met = .false.
       !> How it ended, in words
       character(len=:), allocatable :: reason
+      !> Overrides of the deck before the search, a line each
+      character(len=:), allocatable :: asked
       !> The points as overrides of the deck, a line each
       character(len=:), allocatable :: points
       !> A line for each lattice
@@ -120,6 +122,7 @@ subroutine refine(self, deck, model, receiver, error)
 
    self%searched = deck%has('refine')
    if (.not. self%searched) return
+   self%asked = deck%overrides
    call deck%get('refine.accuracy', self%wanted)
    call deck%get('refine.cost', self%cost)
    self%levels = ''

@@ -105,7 +105,6 @@ UNITS = {"force": "N", "length": "cm", "stress": "N/cm^2", "volume": "cm^3"}
 MORE = {
     "verdict": {"state": "accepted", "reasons": ["no error estimate: none was wanted"]},
     "exact": {"stress_zz": {"value": 3.06, "reference": 3.0617, "relative_error": 5.5e-4}},
-    "overrides": ["load.steps=4"],
     "warnings": ["2 islands with 14 voxels are connected to neither end: left out"],
     "segmentation": {
         "labels": {"muscle": {"pixels": 40211, "volume": 376.978}}, "iterations": 120,

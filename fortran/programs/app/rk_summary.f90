@@ -52,13 +52,16 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
    type(json_entry), intent(in) :: earlier(:)
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
-   character(len=:), allocatable :: unit
+   character(len=:), allocatable :: asked, unit
 
+   asked = deck%overrides
+   if (allocated(refinement%asked)) asked = refinement%asked
    associate (problem => output%problem, scene => output%problem%scene, &
       & converged => .not. allocated(outcome%ended))
       call json%begin_object()
       call json%put('title', scene%title)
       call json%put('deck_sha256', deck%sha256)
+      call json%put_lines('overrides', asked)
       call put_units(json, 'units', deck)
       call json%put('method', scene%method)
       call json%put('dimension', scene%cloud%nd)
