@@ -68,7 +68,6 @@ struct TableSpec {
    std::size_t most = 1;   // entries
    std::vector<std::string> needed_by, at_least;
    std::vector<Condition> only_if;
-   std::map<std::string, std::string> instead; // keys that are no more, and what to do without them
    std::vector<KeySpec> keys;
 
    const KeySpec *find(const std::string &key) const;

@@ -528,16 +528,6 @@ def test_every_declaration_is_enforced(pages: SimpleNamespace) -> None:
     assert count > 400 and not wrong
 
 
-def test_keys_that_are_no_more_are_refused_with_what_to_do(pages: SimpleNamespace) -> None:
-    schema = pages.read_schema(SCHEMA)
-    gone = [(name, *one) for name, table in schema.items() for one in table["instead"].items()]
-    assert len(gone) > 20
-    for name, key, advice in gone:
-        entry = [{key: 1}] if schema[name].get("many") else {key: 1}
-        said = refused({name: entry} if name else {key: {}})
-        assert f"unknown {'key' if name else 'table'}; {advice}" in said, (name, key)
-
-
 def test_every_table_has_an_example_with_known_keys(pages: SimpleNamespace) -> None:
     """A deck of inputs/ that has it, which the tests read, or lines of the schema."""
     for name, table in pages.read_schema(SCHEMA).items():
