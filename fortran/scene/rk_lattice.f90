@@ -270,11 +270,16 @@ end function set_number
 !> Number, from 1, of digits
 pure integer function place_of(digit, base)
    !> Digits, the last one fastest
-   integer, intent(in) :: digit(3)
+   integer, intent(in) :: digit(:)
    !> Values of each digit
-   integer, intent(in) :: base(3)
+   integer, intent(in) :: base(:)
+   integer :: d
 
-   place_of = 1 + digit(3) + base(3)*(digit(2) + base(2)*digit(1))
+   place_of = 0
+   do d = 1, size(base)
+      place_of = place_of*base(d) + digit(d)
+   end do
+   place_of = place_of + 1
 end function place_of
 
 !> Digits of a number, the last one fastest
