@@ -50,8 +50,6 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
    if (text)
       return Deck(path, *text, std::move(overrides));
    what = fs::is_directory(path, ignored) ? "is a folder; name the deck inside it" : "the deck cannot be read: " + what;
-   if (!fs::exists(path, ignored))
-      what += similar_file(path);
    Deck deck(path);
    deck.status = Status::file;
    deck.message = path + ": " + what;

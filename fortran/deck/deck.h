@@ -220,8 +220,6 @@ std::string unknown_key(const TableSpec &table, const std::string &key);
 std::string unknown_table(const std::string &name);
 // Bytes of a file; nothing, and why, where it cannot be read
 std::optional<std::string> read_bytes(const std::string &path, std::string &why);
-// "; did you mean ...?" for a deck that is not there
-std::string similar_file(const std::string &path);
 bool is_blank(const std::string &text);
 bool is_one_of(const std::string &word, const std::vector<std::string> &list);
 std::string join(const std::vector<std::string> &words, const char *separator);

@@ -133,22 +133,6 @@ std::optional<std::string> read_bytes(const std::string &path, std::string &why)
    return text.str();
 }
 
-std::string similar_file(const std::string &path) {
-   namespace fs = std::filesystem;
-   const fs::path wanted(path);
-   std::error_code failed;
-   std::vector<std::string> decks;
-   const fs::path folder = wanted.has_parent_path() ? wanted.parent_path() : fs::path(".");
-   for (const fs::directory_entry &entry : fs::directory_iterator(folder, failed)) {
-      if (entry.path().extension() == ".toml")
-         decks.push_back(entry.path().filename().string());
-   }
-   if (failed)
-      return "; there is no folder " + quoted(folder.string());
-   std::sort(decks.begin(), decks.end());
-   return suggest(wanted.filename().string(), decks, "the decks there are:");
-}
-
 std::string Value::plain() const {
    switch (kind) {
    case Kind::text:

@@ -405,8 +405,7 @@ def test_wrong_files(write: Write, text: bytes, message: str) -> None:
 def test_files_that_cannot_be_read(write: Write, tmp_path: Path) -> None:
     write(BLOCK)
     for path, said in (
-        ("cas.toml", "^cas.toml: .*No such file.*did you mean 'case.toml'"),
-        ("nowhere/x.toml", "^nowhere/x.toml: .*there is no folder 'nowhere'"),
+        ("nowhere/x.toml", "^nowhere/x.toml: the deck cannot be read: No such file"),
         (tmp_path, "is a folder; name the deck inside it"),
     ):
         refuses(said, load_deck, path, kind=FileError)
