@@ -150,8 +150,6 @@ class Deck {
    void complain(const Origin &where, const std::string &address, const std::string &what);
    // The same about a key of a section, where that is written, or about the section ("")
    void refuse(const Section &section, const std::string &key, const std::string &what);
-   // Whether there are as many complaints as a message lists
-   bool is_full() const;
    std::string where(const Origin &origin) const;
    std::string address(const Section &section, const std::string &key = "") const;
    const Section *single(const std::string &table) const;
@@ -182,7 +180,6 @@ class Deck {
       std::string text;
    };
    std::vector<Complaint> complaints_;
-   std::size_t unlisted_ = 0; // complaints that are counted only
 
    void load();
    void close();
