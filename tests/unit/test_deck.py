@@ -19,7 +19,7 @@ from myork.core import deck as core_deck
 from myork.core.deck import deck_key, load_deck
 from myork.errors import FileError, InputError
 from myork.tables import deck_text
-from tests.scenes import refused, refuses, tomllib
+from tests.scenes import refuses, tomllib
 
 ROOT = Path(__file__).parents[2]
 DECKS = sorted((ROOT / "inputs").rglob("*.toml"))
