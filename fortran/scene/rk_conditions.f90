@@ -295,14 +295,9 @@ subroutine conditions_at(scene, here, x, fixed, value, traction, error, time)
          if (fixed(i)) then
             other = owner(i)
             call compare_displacements(scene%programme, value(:, i), g(:, i), both)
-            if (max(scene%condition(c)%tendon, scene%condition(other)%tendon) > 0.0_wp) then
-               call fatal_error(error, err_input, 'boundary sets ' &
-                  & //trim(scene%cloud%set_names(scene%condition(other)%set))//' and ' &
-                  & //trim(scene%cloud%set_names(scene%condition(c)%set))//' overlap at ' &
-                  & //to_text(x) &
-                  & //', where a tendon moves one of them as a plate: separate them by `where`')
-               return
-            else if (allocated(both)) then
+            if (max(scene%condition(c)%tendon, scene%condition(other)%tendon) > 0.0_wp) both = &
+               & 'one of them by a tendon, as a plate'
+            if (allocated(both)) then
                call fatal_error(error, err_input, 'boundary sets ' &
                   & //trim(scene%cloud%set_names(scene%condition(other)%set))//' and ' &
                   & //trim(scene%cloud%set_names(scene%condition(c)%set))//' overlap and ' &
