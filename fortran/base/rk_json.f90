@@ -174,8 +174,6 @@ subroutine append_literal(self, value)
       call self%append(trim(merge('true ', 'false', value)))
    type is (character(len=*))
       call append_quoted(self, value)
-   class default
-      call self%append('null')
    end select
 end subroutine append_literal
 
