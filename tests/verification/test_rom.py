@@ -247,7 +247,6 @@ def test_an_error_that_is_not_a_number_is_not_zero() -> None:
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"modes": [7]}, r"7 modes are requested, but 6 load steps give at most 6"),
-    ({"steps": [2, 4]}, r"rom.steps: unknown key; all load steps are snapshots"),
     ({"projection": "galerkin"}, r"rom.projection: unknown key"),
 ])  # fmt: skip
 def test_impossible_snapshots_are_refused_before_a_solve(change, message, tmp_path) -> None:
