@@ -80,6 +80,23 @@ static bool plane_quadratic(Deck &deck) {
    return plane_gauss(deck) && (order ? order->integer == 2 : deck.facts.count("order_two"));
 }
 
+// States before full load are wanted where somebody else's numbers are given for them
+static bool compares_on_the_way(Deck &deck) {
+   const Value *full = deck.value("load", "activation");
+   for (const Section *reference : deck.entries("reference")) {
+      const Value *shares = reference->find("load"), *levels = reference->find("activation");
+      for (const Value &share : shares ? shares->items : std::vector<Value>{}) {
+         if (share.number() < 1.0)
+            return true;
+      }
+      for (const Value &level : levels ? levels->items : std::vector<Value>{}) {
+         if (full && level.number() < full->number())
+            return true;
+      }
+   }
+   return false;
+}
+
 void put_default(Section &section, const std::string &key, Value value) {
    value.origin = section.origin;
    value.by_default = true;
@@ -263,6 +280,8 @@ void choose_form(Deck &deck) {
       deck.facts["order_two"] = "true";
    if (plane_quadratic(deck))
       deck.facts["plane_quadratic"] = "true";
+   if (compares_on_the_way(deck))
+      deck.facts["compared_on_the_way"] = "true";
 }
 
 void choose_title(Deck &deck) {

@@ -46,6 +46,7 @@ FACTS = {
     "plane_quadratic": "a plane `rkpm-gauss` scene of order 2 without support",
     "points_chosen": "a deck for whose probes MyoRK chooses source points, without pressures, "
     "tendons, prescribed displacements of parts of sides, `penalty` and `direct_limit`",
+    "compared_on_the_way": "a [[reference]] at less than the full load",
 }
 
 
