@@ -237,7 +237,7 @@ SEED = bone(39, 34, 0)
     ([bone(-9, 34, 0)], {}, "muscle.bone: .* lies outside of"),
     ([bone(1, 34, 0)], {"split": "walk"}, "muscle.bone: .* does not lie in the"),
     ([bone(-9, 34, 0)], {"split": "walk"}, "muscle.bone: .* lies outside"),
-    ([], {"seed": [1, 1, 0]}, "image.seed: unknown key; write a .*muscle.* with its name"),
+    ([], {"seed": [1, 1, 0]}, "image.seed: unknown key"),
     ([], {"reference": "nothing.nii.gz"}, "nothing.nii.gz: there is no such file"),
     ([], {"reference": "old.nii.gz"}, "old.nii.gz and .*leg.nii.gz do not overlap"),
 ])  # fmt: skip
