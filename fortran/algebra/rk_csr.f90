@@ -1,10 +1,11 @@
 !> Compressed rows of numbers: neighbours of points, members of groups, places of entries.
 module rk_csr
-   use rk_precision, only : i8
+   use rk_precision, only : i8, wp
+   use rk_sort, only : order_along
    implicit none
    private
 
-   public :: csr_type, group_by, joined, sort
+   public :: csr_type, envelope_order, group_by, joined, sort
 
    !> Lists of numbers, one a row
    type :: csr_type
@@ -95,6 +96,42 @@ pure subroutine count_numbers(n, number, offset)
       offset(i + 1) = offset(i + 1) + offset(i)
    end do
 end subroutine count_numbers
+
+!> Elimination order of points along the axis for which the matrix in which all points of a list
+!> meet has the smallest envelope: the least sum of a power of the lengths of its columns
+subroutine envelope_order(list, x, n, power, place, reach, least)
+   !> Points that meet
+   type(csr_type), intent(in) :: list
+   !> Where the first points are, shape (nd, located); those behind them are the last ones [length]
+   real(wp), intent(in) :: x(:, :)
+   !> Points
+   integer, intent(in) :: n
+   integer, intent(in) :: power
+   !> Place of each point in the order, and the first place of those that meet it, shape (n) each
+   integer, allocatable, intent(out) :: place(:), reach(:)
+   !> The sum
+   real(wp), intent(out) :: least
+   integer, allocatable :: along(:), first(:)
+   real(wp) :: total
+   integer :: d, i
+
+   least = huge(1.0_wp)
+   do d = 1, size(x, 1)
+      call order_along(x, d, along)
+      along = [along, [(i, i=size(along) + 1, n)]]
+      first = along
+      do i = 1, size(list%offset) - 1
+         associate (near => list%index(list%offset(i) + 1:list%offset(i + 1)))
+            if (size(near) > 0) first(near) = min(first(near), minval(along(near)))
+         end associate
+      end do
+      total = sum((along - first + 1.0_wp)**power)
+      if (total >= least) cycle
+      least = total
+      call move_alloc(along, place)
+      call move_alloc(first, reach)
+   end do
+end subroutine envelope_order
 
 !> Shell sort in ascending order
 pure subroutine sort(a)

@@ -336,9 +336,8 @@ subroutine solve_spqr(op, b, x, report, error)
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(sparse_factor) :: factor
-   integer :: rank
 
-   call sparse_qr(factor, op, b, x, rank, error)
+   call sparse_qr(factor, op, b, x, error)
    if (.not. allocated(error)) call check_columns(op, factor%scale, error)
    if (.not. allocated(error)) call check_rank(op, factor, report%rcond, error)
    if (.not. allocated(error)) call judge(op, b, x, factor, report)
@@ -361,7 +360,6 @@ subroutine solve_normal(op, b, x, report, error)
    call factor%equilibrate()
    call check_columns(op, factor%scale, error)
    if (allocated(error)) return
-   report%why = report%why//', normal matrix '//to_text(100.0_wp*factor%share(), 2)//' % filled'
    call factor%factorise(error)
    if (.not. allocated(error)) call check_rank(op, factor, report%rcond, error)
    if (allocated(error)) return

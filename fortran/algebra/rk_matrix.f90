@@ -14,7 +14,7 @@ module rk_matrix
       !> Entries, shape (m, n)
       real(wp), allocatable :: a(:, :)
    contains
-      procedure :: apply, apply_transposed, dense, compressed, solve_square
+      procedure :: apply, apply_transposed, compressed, solve_square
    end type matrix_rows
 
 contains
@@ -34,13 +34,6 @@ subroutine apply_transposed(self, x, y)
 
    y = matmul(x, self%a)
 end subroutine apply_transposed
-
-subroutine dense(self, a)
-   class(matrix_rows), intent(in) :: self
-   real(wp), contiguous, intent(inout) :: a(:, :)
-
-   a = self%a
-end subroutine dense
 
 !> A in compressed rows, all entries
 subroutine compressed(self, start, column, value)

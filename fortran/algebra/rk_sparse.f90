@@ -25,15 +25,13 @@ module rk_sparse
    end type sparse_factor
 
    interface
-      integer(c_int) function rk_sparse_qr(m, n, start, column, value, b, tol, x, rank, handle) &
-         & bind(c)
+      integer(c_int) function rk_sparse_qr(m, n, start, column, value, b, tol, x, handle) bind(c)
          import :: c_double, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: m, n
          integer(c_int64_t), intent(in) :: start(*), column(*)
          real(c_double), intent(in) :: value(*), b(*)
          real(c_double), value :: tol
          real(c_double), intent(inout) :: x(*)
-         integer(c_int64_t), intent(out) :: rank
          type(c_ptr), intent(out) :: handle
       end function rk_sparse_qr
       integer(c_int) function rk_sparse_direct(n, start, row, value, definite, b, x, rcond, kept) &
@@ -63,7 +61,7 @@ module rk_sparse
 contains
 
 !> Least squares by sparse QR of the column-scaled matrix
-subroutine sparse_qr(self, op, b, x, rank, error)
+subroutine sparse_qr(self, op, b, x, error)
    !> Factor, R^T R
    type(sparse_factor), intent(inout) :: self
    class(row_operator), intent(in) :: op
@@ -71,12 +69,11 @@ subroutine sparse_qr(self, op, b, x, rank, error)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   integer, intent(out) :: rank
    !> Error handling: rank deficient, no memory
    type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:)
-   integer(i8) :: k, found
+   integer(i8) :: k
    type(threads_type) :: kept
    integer(c_int) :: stat
 
@@ -86,19 +83,16 @@ subroutine sparse_qr(self, op, b, x, rank, error)
       self%scale(column(k) + 1) = self%scale(column(k) + 1) + value(k)**2
    end do
    self%scale = sqrt(self%scale)
-   rank = 0
    if (.not. all(self%scale > 0.0_wp)) return
    do k = 1, size(value, kind=i8)
       value(k) = value(k)/self%scale(column(k) + 1)
    end do
    call hold_threads(kept)
    stat = rk_sparse_qr(int(op%m, i8), int(op%n, i8), start, column, value, b, &
-      & op%n*epsilon(1.0_wp), x, found, self%handle)
+      & op%n*epsilon(1.0_wp), x, self%handle)
    call release_threads(kept)
    call complain(stat, error)
-   rank = int(found)
-   if (allocated(error)) return
-   x = x/self%scale
+   if (.not. allocated(error)) x = x/self%scale
 end subroutine sparse_qr
 
 !> Cholesky factor of a symmetric matrix

@@ -1,6 +1,5 @@
 !> Rows of a sparse matrix for products with several vectors at once, which threads share by rows.
 module rk_sparse_rows
-   use rk_alike, only : find_alike
    use rk_csr, only : csr_type
    use rk_precision, only : i8, wp
    implicit none
@@ -14,12 +13,7 @@ module rk_sparse_rows
       type(csr_type) :: place
       !> Entries
       real(wp), allocatable :: value(:)
-      !> Row i has its entries at value(first(i)+1 : ), where rows share them; otherwise not
-      !> allocated: they stand as the columns do
-      integer(i8), allocatable :: first(:)
    contains
-      !> Keep equal entries once: products are all that is left then
-      procedure :: share
       !> Product with vectors
       procedure :: product => product_with
    end type sparse_rows
@@ -56,64 +50,32 @@ subroutine new_sparse_rows(self, start, column, value)
    end do
 end subroutine new_sparse_rows
 
-!> Keep the entries of rows once that differ by rounding
-subroutine share(self)
-   class(sparse_rows), intent(inout) :: self
-   integer, allocatable :: same(:)
-   integer(i8), allocatable :: number(:)
-   real(wp), allocatable :: value(:)
-   integer(i8) :: entries
-   integer :: i, n
-
-   n = size(self%place%offset) - 1
-   number = self%place%offset(2:) - self%place%offset(:n)
-   call find_alike(self%place%offset(:n), number, self%value, same)
-   allocate (value(sum(number, mask=same == [(i, i=1, n)])), self%first(n))
-   entries = 0
-   do i = 1, n
-      if (same(i) < i) then
-         self%first(i) = self%first(same(i))
-         cycle
-      end if
-      self%first(i) = entries
-      value(entries + 1:entries + number(i)) = self%value(self%place%offset(i) + 1: &
-         & self%place%offset(i + 1))
-      entries = entries + number(i)
-   end do
-   call move_alloc(value, self%value)
-end subroutine share
-
 !> y = A x or y + A x
 subroutine product_with(self, x, y, add)
-   class(sparse_rows), target, intent(in) :: self
+   class(sparse_rows), intent(in) :: self
    !> Vectors, entry by entry, shape (k, columns)
    real(wp), contiguous, intent(in) :: x(:, :)
    !> Products, shape (k, rows)
    real(wp), contiguous, intent(inout) :: y(:, :)
    !> Add to y what is there
    logical, intent(in) :: add
-   integer(i8), pointer, contiguous :: first(:)
 
-   first => self%place%offset
-   if (allocated(self%first)) first => self%first
    ! lengths that the compiler knows: one loop for all takes 1.2 to 1.6 times as long on rows of
    ! 7 entries
    associate (offset => self%place%offset, index => self%place%index)
       if (size(x, 1) == 3) then
-         call three(size(offset) - 1, offset, first, index, self%value, x, y, add)
+         call three(size(offset) - 1, offset, index, self%value, x, y, add)
       else
-         call some(size(x, 1), size(offset) - 1, offset, first, index, self%value, x, y, add)
+         call some(size(x, 1), size(offset) - 1, offset, index, self%value, x, y, add)
       end if
    end associate
 end subroutine product_with
 
 !> The same for three vectors
-subroutine three(rows, offset, first, index, value, x, y, add)
+subroutine three(rows, offset, index, value, x, y, add)
    integer, intent(in) :: rows
    !> Row i has entries offset(i)+1 : offset(i+1), shape (rows + 1)
    integer(i8), intent(in) :: offset(rows + 1)
-   !> Its values are behind value(first(i))
-   integer(i8), intent(in) :: first(*)
    !> Columns
    integer, intent(in) :: index(*)
    !> Entries
@@ -125,17 +87,16 @@ subroutine three(rows, offset, first, index, value, x, y, add)
    !> Add to what is there
    logical, intent(in) :: add
    real(wp) :: sum(3)
-   integer(i8) :: k, o
+   integer(i8) :: k
    integer :: i
 
-   !$omp parallel do default(none) schedule(static) private(k, o, sum) if (rows > few) &
-   !$omp shared(rows, offset, first, index, value, x, y, add)
+   !$omp parallel do default(none) schedule(static) private(k, sum) if (rows > few) &
+   !$omp shared(rows, offset, index, value, x, y, add)
    do i = 1, rows
       sum = 0.0_wp
       if (add) sum = y(:, i)
-      o = first(i) - offset(i)
       do k = offset(i) + 1, offset(i + 1)
-         sum = sum + value(k + o)*x(:, index(k))
+         sum = sum + value(k)*x(:, index(k))
       end do
       y(:, i) = sum
    end do
@@ -143,11 +104,10 @@ subroutine three(rows, offset, first, index, value, x, y, add)
 end subroutine three
 
 !> The same for any number of vectors
-subroutine some(vectors, rows, offset, first, index, value, x, y, add)
+subroutine some(vectors, rows, offset, index, value, x, y, add)
    !> Vectors, rows
    integer, intent(in) :: vectors, rows
    integer(i8), intent(in) :: offset(rows + 1)
-   integer(i8), intent(in) :: first(*)
    integer, intent(in) :: index(*)
    real(wp), intent(in) :: value(*)
    !> Factor
@@ -156,17 +116,16 @@ subroutine some(vectors, rows, offset, first, index, value, x, y, add)
    real(wp), intent(inout) :: y(vectors, rows)
    logical, intent(in) :: add
    real(wp) :: sum(vectors)
-   integer(i8) :: k, o
+   integer(i8) :: k
    integer :: i
 
-   !$omp parallel do default(none) schedule(static) private(k, o, sum) if (rows > few) &
-   !$omp shared(rows, offset, first, index, value, x, y, add)
+   !$omp parallel do default(none) schedule(static) private(k, sum) if (rows > few) &
+   !$omp shared(rows, offset, index, value, x, y, add)
    do i = 1, rows
       sum = 0.0_wp
       if (add) sum = y(:, i)
-      o = first(i) - offset(i)
       do k = offset(i) + 1, offset(i + 1)
-         sum = sum + value(k + o)*x(:, index(k))
+         sum = sum + value(k)*x(:, index(k))
       end do
       y(:, i) = sum
    end do

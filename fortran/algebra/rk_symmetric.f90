@@ -5,13 +5,12 @@
 !> digits, in half of the memory and time, and minimal residuals find the rest: two iterations.
 !> Matrices that follow one another differ little: those with the last factor come first.
 module rk_symmetric
-   use rk_csr, only : csr_type, sort
+   use rk_csr, only : csr_type, envelope_order, sort
    use rk_error, only : error_type, err_memory
    use rk_minres, only : minres, symmetric_system
    use rk_operator, only : square_operator, square_report
    use rk_precision, only : i8, sp, wp
    use rk_single_envelope, only : envelope_type, new_envelope
-   use rk_sort, only : order_along
    use rk_sparse, only : solve_sparse, sparse_factor
    implicit none
    private
@@ -49,9 +48,11 @@ module rk_symmetric
       real(wp), allocatable :: skew(:)
       !> Blocks of each column of blocks by their row, ascending, the diagonal one last
       type(csr_type), private :: above
-      !> Where the first blocks are, shape (nd, located); not
-      !> allocated where they are nowhere
-      real(wp), allocatable, private :: x(:, :)
+      !> Place of each block of a solid in the order of elimination, and the first place of those
+      !> with which it is coupled, shape (blocks) each; not allocated where blocks are nowhere
+      integer, allocatable, private :: place(:), reach(:)
+      !> Operations of a factorisation within that envelope, in those of a block [-]
+      real(wp), private :: work = 0.0_wp
       !> What the factors have in common
       type(sparse_factor), pointer, private :: kept => null()
       !> Factor of half as many digits
@@ -117,7 +118,8 @@ subroutine new_symmetric(self, block, blocks, group, x)
 
    self%block = block
    allocate (self%kept, self%near)
-   if (present(x)) self%x = x
+   if (present(x) .and. block == 3) call envelope_order(group, x, blocks, 2, self%place, &
+      & self%reach, self%work)
    self%n = block*blocks
    self%m = self%n
    call group%transposed(blocks, groups)
@@ -623,73 +625,24 @@ end function definite
 subroutine lay_out(self)
    type(symmetric_matrix), intent(in) :: self
    type(error_type), allocatable :: error
-   integer, allocatable :: place(:), reach(:)
    integer :: position(self%n), low(self%n)
-   integer :: b, c, i
+   integer :: b, c
 
    b = self%block
    associate (near => self%near)
       near%operations = 0.0_wp
-      if (.not. allocated(self%x)) return
-      call order_blocks(self, place, reach, near%operations)
+      if (.not. allocated(self%place)) return
+      near%operations = real(b, wp)**3*self%work
       do c = 1, b
-         position(c::b) = b*(place - 1) + c
-         low(c::b) = b*(reach - 1) + 1
+         position(c::b) = b*(self%place - 1) + c
+         low(position(c::b)) = b*(self%reach - 1) + 1
       end do
-      near%cost = near%operations/(4.0_wp*b**2*sum([(i, i=1, size(place))] - reach + 1.0_wp))/faster
+      near%cost = near%operations/(4.0_wp*b**2*sum(self%place - self%reach + 1.0_wp))/faster
       if (near%operations < large) return
       call new_envelope(near%matrix, position, low, error)
       if (allocated(error)) near%operations = 0.0_wp
    end associate
 end subroutine lay_out
-
-!> Order of elimination of the blocks along the axis for which it takes the fewest operations.
-!> Bodies that are a few supports thick have no separators that would be smaller than a layer, and
-!> there it fills less than minimum degree or nested dissection
-subroutine order_blocks(self, place, reach, operations)
-   !> Matrix whose blocks are somewhere
-   type(symmetric_matrix), intent(in) :: self
-   !> Place of each block, and the first place with which that of each place is coupled, shape
-   !> (blocks) each
-   integer, allocatable, intent(out) :: place(:), reach(:)
-   !> Operations of a factorisation within the envelope
-   real(wp), intent(out) :: operations
-   integer, allocatable :: along(:), first(:)
-   real(wp) :: work
-   integer :: d, i, n
-
-   n = size(self%above%offset) - 1
-   operations = huge(1.0_wp)
-   do d = 1, size(self%x, 1)
-      call order_along(self%x, d, along)
-      along = [along, [(i, i=size(along) + 1, n)]]
-      first = reach_of(self%above, along)
-      work = real(self%block, wp)**3*sum(([(i, i=1, n)] - first + 1.0_wp)**2)
-      if (work >= operations) cycle
-      operations = work
-      call move_alloc(along, place)
-      call move_alloc(first, reach)
-   end do
-end subroutine order_blocks
-
-!> First place of the blocks with which that of each place is coupled
-pure function reach_of(above, place) result(reach)
-   !> Blocks of each column, as of a matrix
-   type(csr_type), intent(in) :: above
-   !> Place of each block, shape (blocks)
-   integer, intent(in) :: place(:)
-   integer :: reach(size(place))
-   integer(i8) :: k
-   integer :: c, j
-
-   reach = [(j, j=1, size(place))]
-   do j = 1, size(place)
-      do k = above%offset(j) + 1, above%offset(j + 1)
-         c = max(place(above%index(k)), place(j))
-         reach(c) = min(reach(c), place(above%index(k)), place(j))
-      end do
-   end do
-end function reach_of
 
 !> Factor of half as many digits
 subroutine factorise(self, given, share)

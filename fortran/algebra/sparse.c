@@ -22,8 +22,7 @@ struct factor {
     cholmod_factor *cholesky; /* or */
     cholmod_sparse *r;        /* upper triangular, with */
     SuiteSparse_long *order;  /* column order, NULL if none */
-    double *work;
-    cholmod_dense *x, *y, *e; /* CHOLMOD's work */
+    cholmod_dense *x, *y, *e; /* work of a solve */
     void *symbolic;           /* or UMFPACK's order of elimination */
 };
 
@@ -40,7 +39,6 @@ void rk_sparse_free(struct factor *f)
     cholmod_l_free_dense(&f->y, &f->common);
     cholmod_l_free_dense(&f->e, &f->common);
     cholmod_l_finish(&f->common);
-    free(f->work);
     free(f);
 }
 
@@ -50,14 +48,9 @@ static struct factor *new_factor(int64_t n)
     if (!f)
         return NULL;
     f->n = n;
-    f->work = malloc((size_t)n * sizeof *f->work);
     cholmod_l_start(&f->common);
     f->common.print = 0;
     f->common.final_ll = 1; /* L D L' passes over negative D */
-    if (!f->work) {
-        rk_sparse_free(f);
-        return NULL;
-    }
     return f;
 }
 
@@ -101,40 +94,44 @@ static int state(const cholmod_common *c)
     return c->status == CHOLMOD_OK ? rk_done : rk_singular;
 }
 
+/* Solve R x = y, which is lost */
+static void solve_upper(const struct factor *f, double *y, double *x)
+{
+    const SuiteSparse_long *p = f->r->p, *i = f->r->i;
+    const double *r = f->r->x;
+    for (int64_t j = f->n - 1; j >= 0; j--) {
+        y[j] /= r[p[j + 1] - 1];
+        for (int64_t k = p[j]; k < p[j + 1] - 1; k++)
+            y[i[k]] -= r[k] * y[j];
+    }
+    for (int64_t j = 0; j < f->n; j++)
+        x[f->order ? f->order[j] : j] = y[j];
+}
+
 /* Least squares solution with the R of a QR factorisation of an m x n matrix in compressed rows;
- * columns that add less than tol count as dependent, rank counts the others */
+ * columns that add less than tol count as dependent */
 int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
-                 double tol, double *x, int64_t *rank, struct factor **out)
+                 double tol, double *x, struct factor **out)
 {
     struct factor *f = *out = new_factor(n);
-    *rank = 0;
     if (!f)
         return rk_no_memory;
     cholmod_sparse at = matrix(n, m, start, column, value, 0);
     cholmod_sparse *a = cholmod_l_transpose(&at, 1, &f->common);
     if (!a)
         return rk_no_memory;
-    cholmod_dense right = vectors(m, 1, b), *z = NULL;
-    *rank = SuiteSparseQR_C(SPQR_ORDERING_DEFAULT, tol, n, 0, a, NULL, &right, NULL, &z, &f->r,
-                            &f->order, NULL, NULL, NULL, &f->common);
+    cholmod_dense right = vectors(m, 1, b);
+    const int64_t rank =
+        SuiteSparseQR_C(SPQR_ORDERING_DEFAULT, tol, n, 0, a, NULL, &right, NULL, &f->x, &f->r,
+                        &f->order, NULL, NULL, NULL, &f->common);
     cholmod_l_free_sparse(&a, &f->common);
     int stat = state(&f->common);
-    if (stat == rk_done && *rank < n)
+    if (stat == rk_done && rank < n)
         stat = rk_singular;
     if (stat == rk_done) {
         cholmod_l_sort(f->r, &f->common);
-        const SuiteSparse_long *p = f->r->p, *i = f->r->i;
-        const double *r = f->r->x;
-        double *y = z->x;
-        for (int64_t j = n - 1; j >= 0; j--) {
-            y[j] /= r[p[j + 1] - 1];
-            for (int64_t k = p[j]; k < p[j + 1] - 1; k++)
-                y[i[k]] -= r[k] * y[j];
-        }
-        for (int64_t j = 0; j < n; j++)
-            x[f->order ? f->order[j] : j] = y[j];
+        solve_upper(f, f->x->x, x);
     }
-    cholmod_l_free_dense(&z, &f->common);
     return stat;
 }
 
@@ -152,20 +149,14 @@ void rk_sparse_solve(struct factor *f, int64_t number, double *x)
     }
     const SuiteSparse_long *p = f->r->p, *i = f->r->i;
     const double *r = f->r->x;
-    double *y = f->work;
+    double *y = f->x->x;
     for (int64_t j = 0; j < f->n; j++) {
         double sum = x[f->order ? f->order[j] : j];
         for (int64_t k = p[j]; k < p[j + 1] - 1; k++)
             sum -= r[k] * y[i[k]];
         y[j] = sum / r[p[j + 1] - 1];
     }
-    for (int64_t j = f->n - 1; j >= 0; j--) {
-        y[j] /= r[p[j + 1] - 1];
-        for (int64_t k = p[j]; k < p[j + 1] - 1; k++)
-            y[i[k]] -= r[k] * y[j];
-    }
-    for (int64_t j = 0; j < f->n; j++)
-        x[f->order ? f->order[j] : j] = y[j];
+    solve_upper(f, y, x);
 }
 
 /* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The

@@ -7,7 +7,7 @@
 module rk_json
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_error, only : error_type
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_text, only : to_text, written
    use rk_text_file, only : save_text
    implicit none
@@ -166,16 +166,12 @@ subroutine append_literal(self, value)
    select type (value)
    type is (integer)
       call self%append(to_text(value))
-   type is (integer(i8))
-      call self%append(to_text(value))
    type is (real(wp))
       call append_real(self, value)
    type is (logical)
       call self%append(trim(merge('true ', 'false', value)))
    type is (character(len=*))
       call append_quoted(self, value)
-   class default
-      call self%append('null')
    end select
 end subroutine append_literal
 

@@ -1,7 +1,7 @@
 !> Numbers to text for messages, logs and tables.
 module rk_text
    use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    implicit none
    private
 
@@ -9,7 +9,7 @@ module rk_text
 
    !> Shortest readable text of a number or a list of numbers
    interface to_text
-      module procedure :: integer_text, long_text, real_text, digits_text, reals_text, list_text, &
+      module procedure :: integer_text, real_text, digits_text, reals_text, list_text, &
          & integers_text
    end interface to_text
 
@@ -32,8 +32,8 @@ contains
 
 !> Digits of an integer with its sign
 elemental integer function width(value)
-   integer(i8), intent(in) :: value
-   integer(i8) :: rest
+   integer, intent(in) :: value
+   integer :: rest
 
    width = merge(2, 1, value < 0)
    rest = value/10
@@ -45,17 +45,10 @@ end function width
 
 pure function integer_text(value) result(text)
    integer, intent(in) :: value
-   character(len=width(int(value, i8))) :: text
-
-   write (text, '(i0)') value
-end function integer_text
-
-pure function long_text(value) result(text)
-   integer(i8), intent(in) :: value
    character(len=width(value)) :: text
 
    write (text, '(i0)') value
-end function long_text
+end function integer_text
 
 !> A number as number.c writes it, padded with blanks
 pure function written(value, digits, power) result(text)
@@ -71,7 +64,7 @@ end function written
 !> Text of a list of integers, as "(1, 2, 3)"
 pure function integers_text(values) result(text)
    integer, intent(in) :: values(:)
-   character(len=max(2*size(values), 2) + sum(width(int(values, i8)))) :: text
+   character(len=max(2*size(values), 2) + sum(width(values))) :: text
 
    write (text, '("(", *(i0, :, ", "))') values
    text(len(text):) = ')'

@@ -97,7 +97,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    logical, intent(in) :: essential(:, :)
    !> Block whose unknown an essential component follows, 0 where it follows none, shape
    !> (fields, ms)
-   integer, intent(in), optional :: follows(:, :)
+   integer, intent(in) :: follows(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
    real(wp), allocatable :: plain(:, :), common(:, :), taken(:, :, :)
@@ -270,7 +270,6 @@ contains
             taken(:, c, nodes(j)) = taken(:, c, nodes(j)) + factor*psi(1, j)*cells%outward(:, ip)
          end do
       end do
-      if (.not. present(follows)) return
       do c = 1, fields
          if (follows(c, ip) == 0) cycle
          call touch(follows(c, ip))

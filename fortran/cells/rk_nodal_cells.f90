@@ -12,7 +12,7 @@ module rk_nodal_cells
    use rk_error, only : error_type
    use rk_facets, only : close_cells, facets_type
    use rk_groups, only : groups_of, slots, threes
-   use rk_lattice, only : digits_of, lattice_frame, set_number
+   use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
    use rk_precision, only : wp
    use rk_voxels, only : voxel_facets
    implicit none
@@ -112,28 +112,10 @@ pure function lattice_index(cloud, is) result(index)
    !> Source point
    integer, intent(in) :: is
    integer :: index(3)
-   integer :: base(3)
 
-   base = 1
-   base(4 - cloud%nd:) = cloud%lattice
-   base = digits_of(is - 1, base)
    index = 0
-   index(:cloud%nd) = base(4 - cloud%nd:)
+   index(:cloud%nd) = digits_of(is - 1, cloud%lattice)
 end function lattice_index
-
-!> Source point at a place of the lattice
-pure integer function lattice_point(cloud, index)
-   type(cloud_type), intent(in) :: cloud
-   !> Place, from 0
-   integer, intent(in) :: index(3)
-   integer :: d
-
-   lattice_point = 0
-   do d = 1, cloud%nd
-      lattice_point = lattice_point*cloud%lattice(d) + index(d)
-   end do
-   lattice_point = lattice_point + 1
-end function lattice_point
 
 !> Facets of a plane lattice, straight between the centres of its meshes; on the surface they meet
 !> in the source points
@@ -165,7 +147,7 @@ subroutine lattice_facets_2d(facets, cloud)
             else if (end == 1) then
                next = index
                next(d) = index(d) + 1
-               call edge(corner(from), corner(to), lattice_point(cloud, next), 0)
+               call edge(corner(from), corner(to), place_of(next(:2), cloud%lattice), 0)
             end if
          end do
       end do
@@ -229,7 +211,7 @@ subroutine lattice_facets_3d(facets, cloud)
                   if (next(d) < 0 .or. next(d) >= cloud%lattice(d)) then
                      call facets%add(x, area, is, 0, set_number(.false., d, end))
                   else
-                     call facets%add(x, area, is, lattice_point(cloud, next), 0)
+                     call facets%add(x, area, is, place_of(next, cloud%lattice), 0)
                   end if
                end do
             end do

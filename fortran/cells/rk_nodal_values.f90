@@ -74,8 +74,6 @@ subroutine new_nodal_values(self, shape, place, steps)
       call row%transposed(ns, self%row_t%place, entry)
    end associate
    self%row_t%value = self%row%value(entry)
-   call self%row%share()
-   call self%row_t%share()
    ! on a lattice what changes sign in every direction has this eigenvalue
    own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/shape%nd) - 1.0_wp, smallest)**shape%nd
    self%middle = 0.5_wp*(largest + own)

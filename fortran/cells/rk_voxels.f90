@@ -36,7 +36,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
    !> Boundary entries of each voxel
    type(csr_type) :: entries
-   integer :: n(3), cells, ip, other, d, side, next(3), entry, least
+   integer :: n(3), cells, ip, other, d, side, set, next(3), entry, least
 
    if (.not. allocated(cloud%voxels%index)) then
       call fatal_error(error, err_input, 'nodal cells need a model of voxels, or a box, ' &
@@ -50,10 +50,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
          & //to_text(cloud%points(:, ip))//' has no volume, run `myork build` again')
       return
    end if
-   allocate (centre, mold=cloud%points)
-   do ip = 1, size(centre, 2)
-      centre(:, ip) = cloud%voxels%centre(ip)
-   end do
+   centre = cloud%centres()
    call find_owners(cloud, owner, cells, error)
    if (allocated(error)) return
    ! full voxels are full to the last bit
@@ -94,7 +91,9 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
                part = 1.0_wp
                if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) &
                   & part = share(ip)*(1.0_wp - taper(merge(1, 2, side < 0)))
-               call facets%add(x, area, owner(ip), 0, side_of(cloud, entry), part, entry)
+               set = 0
+               if (entry > 0) set = cloud%boundary_set(entry)
+               call facets%add(x, area, owner(ip), 0, set, part, entry)
             else if (side == 1 .and. owner(other) /= owner(ip)) then
                call facets%add(x, area, owner(ip), owner(other), 0)
             end if
@@ -116,27 +115,24 @@ subroutine find_owners(cloud, owner, cells, error)
    integer :: last(3), ip, i
    integer, allocatable :: number(:), place(:)
 
-   if (.not. allocated(cloud%block)) then
-      owner = cloud%nearest_source()
-      cells = size(cloud%source, 2)
-      allocate (number(cells), source=0)
-      number(owner) = 1
-      do i = 1, cells
-         if (number(i) > 0) cycle
-         call fatal_error(error, err_input, 'source point '//to_text(i)//' at ' &
-            & //to_text(cloud%source(:, i))//' has no voxel of its own')
-         return
-      end do
-      return
+   last = [size(cloud%source, 2), 1, 1]
+   if (allocated(cloud%block)) then
+      last = maxval(cloud%block, dim=2) + 1
+      place = [(1 + cloud%block(1, ip) + last(1)*(cloud%block(2, ip) &
+         & + last(2)*cloud%block(3, ip)), ip=1, size(cloud%block, 2))]
+   else
+      place = cloud%nearest_source()
    end if
-   last = maxval(cloud%block, dim=2) + 1
-   place = [(1 + cloud%block(1, ip) + last(1)*(cloud%block(2, ip) + last(2)*cloud%block(3, ip)), &
-      & ip=1, size(cloud%block, 2))]
    allocate (number(product(last)), source=0)
    number(place) = 1
    cells = 0
    do i = 1, size(number)
-      if (number(i) == 0) cycle
+      if (number(i) == 0 .and. allocated(cloud%block)) cycle
+      if (number(i) == 0) then
+         call fatal_error(error, err_input, 'source point '//to_text(i)//' at ' &
+            & //to_text(cloud%source(:, i))//' has no voxel of its own')
+         return
+      end if
       cells = cells + 1
       number(i) = cells
    end do
@@ -227,15 +223,5 @@ pure integer function nearest_entry(entries, cloud, ip, area)
       end associate
    end do
 end function nearest_entry
-
-!> Side of the body of a boundary entry, 0 without one
-pure integer function side_of(cloud, entry)
-   type(cloud_type), intent(in) :: cloud
-   !> Boundary entry
-   integer, intent(in) :: entry
-
-   side_of = 0
-   if (entry > 0) side_of = cloud%boundary_set(entry)
-end function side_of
 
 end module rk_voxels

@@ -50,8 +50,6 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
    if (text)
       return Deck(path, *text, std::move(overrides));
    what = fs::is_directory(path, ignored) ? "is a folder; name the deck inside it" : "the deck cannot be read: " + what;
-   if (!fs::exists(path, ignored))
-      what += similar_file(path);
    Deck deck(path);
    deck.status = Status::file;
    deck.message = path + ": " + what;
@@ -106,24 +104,16 @@ void Deck::close() {
    std::stable_sort(complaints_.begin(), complaints_.end(),
                     [](const Complaint &a, const Complaint &b) { return a.order < b.order; });
    std::vector<std::string> lines;
-   for (const Complaint &complaint : complaints_)
-      lines.push_back(complaint.text);
-   if (unlisted_ > 0)
-      lines.push_back(name + ": and " + std::to_string(unlisted_) + " more");
+   for (std::size_t i = 0; i < std::min(complaints_.size(), most_complaints); ++i)
+      lines.push_back(complaints_[i].text);
+   if (complaints_.size() > most_complaints)
+      lines.push_back(name + ": and " + std::to_string(complaints_.size() - most_complaints) + " more");
    message = join(lines, "\n");
    if (!lines.empty())
       status = Status::input;
 }
 
-bool Deck::is_full() const {
-   return complaints_.size() >= most_complaints;
-}
-
 void Deck::complain(const Origin &origin, const std::string &address, const std::string &what) {
-   if (is_full()) {
-      ++unlisted_;
-      return;
-   }
    const int order = origin.set.empty() ? origin.line : std::numeric_limits<int>::max();
    const std::string column = origin.column > 0 ? ":" + std::to_string(origin.column) : "";
    complaints_.push_back(

@@ -68,7 +68,6 @@ struct TableSpec {
    std::size_t most = 1;   // entries
    std::vector<std::string> needed_by, at_least;
    std::vector<Condition> only_if;
-   std::map<std::string, std::string> instead; // keys that are no more, and what to do without them
    std::vector<KeySpec> keys;
 
    const KeySpec *find(const std::string &key) const;
@@ -151,8 +150,6 @@ class Deck {
    void complain(const Origin &where, const std::string &address, const std::string &what);
    // The same about a key of a section, where that is written, or about the section ("")
    void refuse(const Section &section, const std::string &key, const std::string &what);
-   // Whether there are as many complaints as a message lists
-   bool is_full() const;
    std::string where(const Origin &origin) const;
    std::string address(const Section &section, const std::string &key = "") const;
    const Section *single(const std::string &table) const;
@@ -183,7 +180,6 @@ class Deck {
       std::string text;
    };
    std::vector<Complaint> complaints_;
-   std::size_t unlisted_ = 0; // complaints that are counted only
 
    void load();
    void close();
@@ -221,8 +217,6 @@ std::string unknown_key(const TableSpec &table, const std::string &key);
 std::string unknown_table(const std::string &name);
 // Bytes of a file; nothing, and why, where it cannot be read
 std::optional<std::string> read_bytes(const std::string &path, std::string &why);
-// "; did you mean ...?" for a deck that is not there
-std::string similar_file(const std::string &path);
 bool is_blank(const std::string &text);
 bool is_one_of(const std::string &word, const std::vector<std::string> &list);
 std::string join(const std::vector<std::string> &words, const char *separator);

@@ -334,7 +334,7 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
       }
       if (names.known[key.refers_to].count(value.text) == 0) {
          std::vector<std::string> there;
-         for (Section *entry : deck.is_full() ? std::vector<Section *>{} : deck.entries(key.refers_to))
+         for (Section *entry : deck.entries(key.refers_to))
             there.push_back(entry->text(entry->spec->named_by));
          deck.refuse(section, key.name,
                      "no [[" + key.refers_to + "]] is named " + quoted(value.text) +

@@ -101,22 +101,11 @@ std::string suggest(const std::string &word, const std::vector<std::string> &kno
    return "; " + otherwise + " " + join(known, ", ");
 }
 
-// What to do without a key or a table that is no more; "" where it never was
-static std::string instead_of(const TableSpec &table, const std::string &name) {
-   const auto found = table.instead.find(name);
-   return found == table.instead.end() ? "" : found->second;
-}
-
 std::string unknown_table(const std::string &name) {
-   const std::string instead = instead_of(schema().front(), name);
-   return "unknown table" +
-          (instead.empty() ? suggest(name, table_names(), "known tables are:") : "; " + instead);
+   return "unknown table" + suggest(name, table_names(), "known tables are:");
 }
 
 std::string unknown_key(const TableSpec &table, const std::string &key) {
-   const std::string instead = instead_of(table, key);
-   if (!instead.empty())
-      return "unknown key; " + instead;
    std::vector<std::string> known;
    for (const KeySpec &spec : table.keys)
       known.push_back(spec.name);
@@ -142,22 +131,6 @@ std::optional<std::string> read_bytes(const std::string &path, std::string &why)
    std::ostringstream text;
    text << file.rdbuf();
    return text.str();
-}
-
-std::string similar_file(const std::string &path) {
-   namespace fs = std::filesystem;
-   const fs::path wanted(path);
-   std::error_code failed;
-   std::vector<std::string> decks;
-   const fs::path folder = wanted.has_parent_path() ? wanted.parent_path() : fs::path(".");
-   for (const fs::directory_entry &entry : fs::directory_iterator(folder, failed)) {
-      if (entry.path().extension() == ".toml")
-         decks.push_back(entry.path().filename().string());
-   }
-   if (failed)
-      return "; there is no folder " + quoted(folder.string());
-   std::sort(decks.begin(), decks.end());
-   return suggest(wanted.filename().string(), decks, "the decks there are:");
 }
 
 std::string Value::plain() const {

@@ -21,7 +21,7 @@ TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
 #: Attributes that the reader knows as well, in the order of the members of TableSpec and KeySpec
 TABLE_MEMBERS = (
     "name", "many", "required", "named_by", "not_beside", "most", "needed_by", "at_least",
-    "only_if", "instead", "keys",
+    "only_if", "keys",
 )  # fmt: skip
 KEY_MEMBERS = (
     "name", "type", "required", "default_toml", "choices", "min", "max", "above", "below", "length",
@@ -68,16 +68,14 @@ def read_schema(path: Path) -> dict[str, dict[str, Any]]:
             "use Python 3.11 or newer, or install tomli"
         )
     tables: dict[str, dict[str, Any]] = {"": {"about": "", "keys": {}}}
-    tables[""]["instead"] = document.pop("instead", {})
     for name, table in document.items():
         if "type" in table:
             tables[""]["keys"][name] = table
             continue
-        own = ("keys", "instead", "only_if")
+        own = ("keys", "only_if")
         tables[name] = {k: v for k, v in table.items() if k in own or not isinstance(v, dict)}
         keys = {k: v for k, v in table.items() if k not in own and isinstance(v, dict)}
         tables[name]["keys"] = {**keys, **tables[name].get("keys", {})}
-        tables[name].setdefault("instead", {})
     check(tables)
     return tables
 
@@ -93,7 +91,6 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
         for word in [table.get("named_by"), *table.get("at_least", []), *taken]:
             if word and word not in table["keys"]:
                 wrong.append(f"[{name}]: no key {word}")
-        wrong += [f"[{name}]: {key} is a key" for key in table["instead"] if key in table["keys"]]
         if table.get("not_beside", name) not in tables:
             wrong.append(f"[{name}]: no table {table['not_beside']}")
         for key, spec in table["keys"].items():

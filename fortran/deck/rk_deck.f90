@@ -349,16 +349,15 @@ subroutine complain(self, key, what, error)
    call fatal_error(error, err_input, lines//place//': '//what)
 end subroutine complain
 
-!> Say where a key stands that an error speaks of, unless the error does so itself
-subroutine locate(self, key, error)
+!> Say where the geometry stands that an error speaks of, unless the error does so itself
+subroutine locate(self, error)
    class(deck_type), intent(in) :: self
-   character(len=*), intent(in) :: key
    !> Error, if any
    type(error_type), allocatable, intent(inout) :: error
 
    if (.not. allocated(error)) return
    if (index(error%message, self%path//':') == 1 .or. index(error%message, '--set ') == 1) return
-   error%message = self%where(key)//': '//error%message
+   error%message = self%where('geometry')//': '//error%message
 end subroutine locate
 
 !> Is the value of a key a text?

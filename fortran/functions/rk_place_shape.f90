@@ -170,15 +170,13 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    b = 0.0_wp
    b(1) = 1.0_wp
    call solve(m, w, b)
-   if (size(value, 1) == 1) then
-      do k = 1, n
-         value(1, k) = phi(k)*dot_product(h(:, k), b)
-      end do
-      return
-   end if
    allocate (s(n), ds(nd, n), dds(seconds, n), t(nd, n), dt(nd, nd, n))
    do k = 1, n
       s(k) = dot_product(h(:, k), b)
+      value(1, k) = phi(k)*s(k)
+   end do
+   if (size(value, 1) == 1) return
+   do k = 1, n
       do i = 1, nd
          ds(i, k) = dot_product(b, dh(:, i, k))
       end do
@@ -195,18 +193,15 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
       end do
       call solve(m, w, db(:, i))
    end do
-   if (seconds == 0) then
-      do k = 1, n
-         value(1, k) = phi(k)*s(k)
-         do i = 1, nd
-            value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + dot_product(h(:, k), db(:, i)))
-         end do
+   do k = 1, n
+      do i = 1, nd
+         t(i, k) = dot_product(h(:, k), db(:, i))
+         value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + t(i, k))
       end do
-      return
-   end if
+   end do
+   if (seconds == 0) return
    do k = 1, n
       do j = 1, nd
-         t(j, k) = dot_product(h(:, k), db(:, j))
          do i = 1, nd
             ! dt(i, j) = H_,i . b_,j
             dt(i, j, k) = dot_product(dh(:, i, k), db(:, j))
@@ -230,9 +225,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
       end do
    end do
    do k = 1, n
-      value(1, k) = phi(k)*s(k)
       do i = 1, nd
-         value(1 + i, k) = dphi(i, k)*s(k) + phi(k)*(ds(i, k) + t(i, k))
          do j = i, nd
             q = second_index(nd, i, j) - 1 - nd
             value(1 + nd + q, k) = ddphi(i, j, k)*s(k) &

@@ -10,7 +10,7 @@ module rk_shape
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_polar, window_product
-   use rk_neighbours, only : covers, find_neighbours
+   use rk_neighbours, only : find_neighbours
    use rk_place_shape, only : approximation_type, new_approximation, shape_at_place
    use rk_precision, only : i8, wp
    use rk_text, only : to_text
@@ -125,12 +125,12 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
       end associate
    end do
    !$omp end parallel do
-   do is = 1, size(example)
-      if (.not. singular(is)) cycle
-      call singular_error(approximation, powers, source, support, place(:, example(is)), &
-         & example(is), self%count(example(is)), error)
+   is = findloc(singular, .true., dim=1)
+   if (is > 0) then
+      call singular_error(approximation%order, nb, source, place(:, example(is)), example(is), &
+         & self%count(example(is)), error)
       return
-   end do
+   end if
    if (approximation%window == window_polar) call turn_stencils(self, place, example)
 end subroutine new_shape
 
@@ -422,16 +422,12 @@ contains
 
 end subroutine find_stencils
 
-!> Name the place of a singular moment matrix and the support that would cure it
-subroutine singular_error(approximation, powers, source, support, x, ip, n, error)
-   !> Order, kernel and window
-   type(approximation_type), intent(in) :: approximation
-   !> Exponents of the basis, shape (3, nb)
-   integer, intent(in) :: powers(:, :)
+!> Name the place of a singular moment matrix and what would cure it
+subroutine singular_error(order, least, source, x, ip, n, error)
+   !> Order of the basis, and neighbours that it needs at least
+   integer, intent(in) :: order, least
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
-   !> Support, shape (nd, ns) [length]
-   real(wp), intent(in) :: support(:, :)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Number of the place
@@ -439,47 +435,23 @@ subroutine singular_error(approximation, powers, source, support, x, ip, n, erro
    !> Number of its neighbours
    integer, intent(in) :: n
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: away(:, :), wide(:, :), value(:, :)
-   integer, allocatable :: near(:)
    character(len=:), allocatable :: cure
-   real(wp) :: factor
    character(len=1), parameter :: axes(3) = ['x', 'y', 'z']
-   logical :: singular
-   integer :: i, trial, across
+   integer :: i, across
 
-   factor = 1.0_wp
-   cure = 'a larger support does not help: do the source points lie on a line or plane, or ' &
-      & //'do some of them coincide?'
+   cure = 'use a larger support; where that does not help, source points lie on a line or plane, ' &
+      & //'or some of them coincide'
    do i = 1, size(x)
       across = planes(source(i, :))
-      if (across == 1 .or. across > approximation%order) cycle
-      cure = 'a basis of that order needs '//to_text(approximation%order + 1)//' source points ' &
+      if (across == 1 .or. across > order) cycle
+      cure = 'a basis of that order needs '//to_text(order + 1)//' source points ' &
          & //'across in each direction, along '//axes(i)//' there are '//to_text(across) &
          & //': use more of them, or order '//to_text(max(across - 1, 1))
       exit
    end do
-   do trial = 1, 16
-      factor = factor*1.1_wp
-      wide = factor*support
-      if (approximation%window == window_polar) then
-         away = spread(x, 2, size(source, 2))
-         away = polar(away) - polar(source)
-         near = pack([(i, i=1, size(source, 2))], all(abs(away) < angular(source, wide), dim=1))
-      else
-         near = pack([(i, i=1, size(source, 2))], [(covers(x - source(:, i), wide(:, i), &
-            & approximation%window), i=1, size(source, 2))])
-      end if
-      allocate (value(derivative_count(size(x)), size(near)))
-      call shape_at_place(approximation, powers, source, wide, near, x, value, singular)
-      deallocate (value)
-      if (singular) cycle
-      cure = 'a support '//to_text(factor, 3)//' times as large is enough'
-      exit
-   end do
    call fatal_error(error, err_input, 'point '//to_text(ip)//' at '//to_text(x) &
       & //': singular moment matrix with '//to_text(n)//' neighbours (order ' &
-      & //to_text(approximation%order)//' needs at least '//to_text(size(powers, 2)) &
-      & //'); '//cure)
+      & //to_text(order)//' needs at least '//to_text(least)//'); '//cure)
 end subroutine singular_error
 
 !> Number of different coordinates, as far as a basis may need them

@@ -15,7 +15,7 @@ module rk_newton_step
    implicit none
    private
 
-   public :: find_step, solve_equations, solve_linear
+   public :: find_step, solve_linear
 
 contains
 

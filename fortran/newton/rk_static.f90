@@ -25,13 +25,15 @@ module rk_static
 contains
 
 !> Solve all load steps
-subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, timer, error, last, &
-   & halved)
+subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recorder, timer, error, &
+   & last)
    class(problem_type), target, intent(inout) :: problem
    type(newton_type), intent(inout) :: newton
    type(plan_type), intent(in) :: planned
    !> Halvings of a step before giving up
    integer, intent(in) :: max_halvings
+   !> Halvings with which it begins where no load step is done
+   integer, intent(in) :: halved
    !> Unknowns, start and last converged state, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Receiver of iterations and steps
@@ -43,8 +45,6 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    !> Load step that another run has done, whose state x is then; without it x is that of load 0, or
    !> any other at which the iteration shall begin
    type(step_type), intent(in), optional :: last
-   !> Halvings with which it begins where there is no such load step, 0 without it
-   integer, intent(in), optional :: halved
    type(step_type) :: record
    real(wp), allocatable :: before(:)
    real(wp) :: load, part, most, target_load, done, from
@@ -54,12 +54,8 @@ subroutine solve_static(problem, newton, planned, max_halvings, x, recorder, tim
    done = 0.0_wp
    aside = any(abs(x) > 0.0_wp) .and. .not. present(last)
    settled = present(last)
-   halvings = 0
-   waits = 0
-   if (present(halved)) then
-      halvings = min(halved, max_halvings)
-      if (halvings > 0) waits = rests
-   end if
+   halvings = min(halved, max_halvings)
+   waits = merge(rests, 0, halvings > 0)
    first = 1
    if (present(last)) then
       record%gradient = last%gradient

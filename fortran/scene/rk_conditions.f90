@@ -36,20 +36,6 @@ module rk_conditions
 
 contains
 
-!> Resolve the conditions of a scene
-subroutine new_boundary(self, scene, error, time)
-   type(boundary_type), intent(out) :: self
-   type(scene_type), intent(in) :: scene
-   !> Error handling: contradicting conditions; of a linear problem a pin that is no boundary point,
-   !> nothing prescribed
-   type(error_type), allocatable, intent(out) :: error
-   !> Time of expressions in it, 0 without
-   real(wp), intent(in), optional :: time
-
-   call find_boundary(self, scene, error, time)
-   if (.not. allocated(error) .and. allocated(scene%equation%pin)) call add_pins(self, scene, error)
-end subroutine new_boundary
-
 !> Whether something resists the motion of a component: what is prescribed, or an elastic support,
 !> shape (nd, nb)
 pure function supported(self, scene)
@@ -104,12 +90,14 @@ subroutine add_pins(self, scene, error)
    end associate
 end subroutine add_pins
 
-!> Resolve conditions
-subroutine find_boundary(self, scene, error, time)
+!> Resolve the conditions of a scene
+subroutine new_boundary(self, scene, error, time)
    type(boundary_type), intent(out) :: self
    type(scene_type), target, intent(in) :: scene
-   !> Error handling: contradicting conditions
+   !> Error handling: contradicting conditions; of a linear problem a pin that is no boundary point,
+   !> nothing prescribed
    type(error_type), allocatable, intent(out) :: error
+   !> Time of expressions in it, 0 without
    real(wp), intent(in), optional :: time
    integer, allocatable :: number(:)
    real(wp), allocatable :: traction(:, :, :)
@@ -168,7 +156,8 @@ subroutine find_boundary(self, scene, error, time)
       end associate
    end do
    call mean_normals(self, cloud, number, fixed, traction, error)
-end subroutine find_boundary
+   if (.not. allocated(error) .and. allocated(scene%equation%pin)) call add_pins(self, scene, error)
+end subroutine new_boundary
 
 !> Normals and tractions of the components that are not prescribed, means of the faces that meet,
 !> and where held faces meet free ones
@@ -306,14 +295,9 @@ subroutine conditions_at(scene, here, x, fixed, value, traction, error, time)
          if (fixed(i)) then
             other = owner(i)
             call compare_displacements(scene%programme, value(:, i), g(:, i), both)
-            if (max(scene%condition(c)%tendon, scene%condition(other)%tendon) > 0.0_wp) then
-               call fatal_error(error, err_input, 'boundary sets ' &
-                  & //trim(scene%cloud%set_names(scene%condition(other)%set))//' and ' &
-                  & //trim(scene%cloud%set_names(scene%condition(c)%set))//' overlap at ' &
-                  & //to_text(x) &
-                  & //', where a tendon moves one of them as a plate: separate them by `where`')
-               return
-            else if (allocated(both)) then
+            if (max(scene%condition(c)%tendon, scene%condition(other)%tendon) > 0.0_wp) both = &
+               & 'one of them by a tendon, as a plate'
+            if (allocated(both)) then
                call fatal_error(error, err_input, 'boundary sets ' &
                   & //trim(scene%cloud%set_names(scene%condition(other)%set))//' and ' &
                   & //trim(scene%cloud%set_names(scene%condition(c)%set))//' overlap and ' &
@@ -327,7 +311,6 @@ subroutine conditions_at(scene, here, x, fixed, value, traction, error, time)
          owner(i) = c
          value(:, i) = g(:, i)
       end do
-      a = ramp + scene%condition(c)%amplitude
       traction(a, :) = traction(a, :) + h
    end do
 end subroutine conditions_at

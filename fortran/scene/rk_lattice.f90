@@ -46,7 +46,6 @@ subroutine new_box(self, size_, source, place, graded)
    ends = .false.
    if (present(graded)) ends = reshape(graded(:2*self%nd), shape(ends))
    if (any(ends)) call grade(self, size_, ends, place, weight)
-   call default_tissue(self)
    at = grid(place)
    self%place = at
    self%volume = [(share(at(:, ip), 0), ip=1, size(at, 2))]
@@ -174,7 +173,6 @@ subroutine new_annulus(self, inner, outer, source, place)
       self%spacing(:, is) = max((outer - inner)/(source(1) - 1), &
          & 0.5_wp*pi*norm2(self%source(:, is))/(source(2) - 1))
    end do
-   call default_tissue(self)
    allocate (self%set_names(size(annulus_faces)))
    self%set_names = annulus_faces
    n = 0
@@ -270,11 +268,16 @@ end function set_number
 !> Number, from 1, of digits
 pure integer function place_of(digit, base)
    !> Digits, the last one fastest
-   integer, intent(in) :: digit(3)
+   integer, intent(in) :: digit(:)
    !> Values of each digit
-   integer, intent(in) :: base(3)
+   integer, intent(in) :: base(:)
+   integer :: d
 
-   place_of = 1 + digit(3) + base(3)*(digit(2) + base(2)*digit(1))
+   place_of = 0
+   do d = 1, size(base)
+      place_of = place_of*base(d) + digit(d)
+   end do
+   place_of = place_of + 1
 end function place_of
 
 !> Digits of a number, the last one fastest
@@ -340,21 +343,15 @@ pure real(wp) function quadrature(i, n, length)
    quadrature = quadrature*length/(n - 1)
 end function quadrature
 
-!> One tissue, no fibers
-subroutine default_tissue(self)
-   !> Cloud with collocation points
-   type(cloud_type), intent(inout) :: self
-
-   allocate (self%label(size(self%points, 2)), source=1)
-   allocate (self%fiber(3, size(self%points, 2)), source=0.0_wp)
-end subroutine default_tissue
-
-!> Room for boundary entries
+!> One tissue, no fibers, and room for boundary entries
 subroutine start_boundary(self, n)
+   !> Cloud with collocation points
    type(cloud_type), intent(inout) :: self
    !> Number of entries
    integer, intent(in) :: n
 
+   allocate (self%label(size(self%points, 2)), source=1)
+   allocate (self%fiber(3, size(self%points, 2)), source=0.0_wp)
    allocate (self%boundary_point(n), self%boundary_set(n), self%normal(self%nd, n), self%area(n))
 end subroutine start_boundary
 

@@ -29,12 +29,10 @@ subroutine new_problem(problem, scene, error)
       allocate (strong)
       call new_equilibrium(strong, scene, scene%method == 'rkcm-mixed', error)
       call move_alloc(strong, problem)
-   case ('rkpm', 'rkpm-gauss', 'rkpm-scni')
+   case default
       allocate (galerkin)
       call new_galerkin(galerkin, scene, error)
       call move_alloc(galerkin, problem)
-   case default
-      call fatal_error(error, err_input, "unknown method '"//scene%method//"'")
    end select
    if (allocated(error)) return
    if (problem%linear) return

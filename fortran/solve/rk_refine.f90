@@ -51,6 +51,8 @@ module rk_refine
    type :: refinement_type
       !> Wanted bar over the size of a probe; 0 where nothing was wanted [-]
       real(wp) :: wanted = 0.0_wp
+      !> The same as the beginning of a sentence on whether it is met
+      character(len=:), allocatable, private :: target
       !> The points are those of a search
       logical :: searched = .false.
       !> It is met by the points that were found
@@ -78,7 +80,6 @@ module rk_refine
       !> What the answer has of what was wanted
       procedure :: look_back
       procedure :: limited
-      procedure, private :: target
    end type refinement_type
 
    !> Receiver that ends every solution of a search when its cost is used up
@@ -123,9 +124,8 @@ subroutine refine(self, deck, model, receiver, error)
    self%searched = deck%has('refine')
    if (.not. self%searched) return
    self%asked = deck%overrides
-   call deck%get('refine.accuracy', self%wanted)
+   call begin(self, deck)
    call deck%get('refine.cost', self%cost)
-   self%levels = ''
    self%points = ''
    call cpu_time(start)
    within = self%limited(receiver)
@@ -180,7 +180,7 @@ subroutine refine(self, deck, model, receiver, error)
          self%seconds = now - start
          if (allocated(self%start)) then
             ! the answer before stands
-            self%reason = self%target()//'not met: the next points, '//list(cells)//' cells, ' &
+            self%reason = self%target//'not met: the next points, '//list(cells)//' cells, ' &
                & //'have no solution within refine.cost: '//error%message
             deallocate (error)
             self%points = joined(words_of(coarser, scene%cloud, before_cells))
@@ -201,11 +201,11 @@ subroutine refine(self, deck, model, receiver, error)
       self%seconds = now - start
       if (worst <= self%wanted) then
          self%met = .true.
-         self%reason = self%target()//'met'
+         self%reason = self%target//'met'
          return
       end if
       if (.not. any(left > self%wanted)) then
-         self%reason = self%target()//'not met: the voxels leave an uncertainty of ' &
+         self%reason = self%target//'not met: the voxels leave an uncertainty of ' &
             & //to_text(100.0_wp*maxval(bars%open), 2)//' %, however many ' &
             & //'points there are; give a label map of finer voxels'
          return
@@ -214,12 +214,12 @@ subroutine refine(self, deck, model, receiver, error)
       ! blocks of as many voxels each: where they differ answers are worse than the bars tell
       if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then
-         self%reason = self%target()//'not met: every voxel has its own source points; give a ' &
+         self%reason = self%target//'not met: every voxel has its own source points; give a ' &
             & //'label map of finer voxels'
          return
       end if
       if (.not. possible(next)) then
-         self%reason = self%target()//'not met: the next points, '//list(next)//' cells, '
+         self%reason = self%target//'not met: the next points, '//list(next)//' cells, '
          if (factorised(next)) then
             self%reason = self%reason//'would take about '//to_text(self%seconds &
                & + expected(next), 2)//' CPU s, more than refine.cost'
@@ -246,7 +246,7 @@ subroutine refine(self, deck, model, receiver, error)
       before = now
       before_cells = cells
    end do
-   self%reason = self%target()//'not met after '//to_text(most_levels)//' lattices'
+   self%reason = self%target//'not met after '//to_text(most_levels)//' lattices'
 
 contains
 
@@ -256,7 +256,7 @@ contains
       if (allocated(answer%x)) then
          self%start = run
          self%companion = companion
-         self%reason = self%target()//'not met: '
+         self%reason = self%target//'not met: '
          if (within%late()) then
             self%reason = self%reason//'refine.cost = '//to_text(self%cost, 3)//' CPU s was ' &
                & //'used up by the first points, '//list(cells)//' cells'
@@ -275,7 +275,7 @@ contains
             & //'; raise the cost limit, give fewer points (geometry.source) or reduce the load'
          error%code = err_convergence
       end if
-      self%reason = self%target()//'not met: the first points, '//list(cells)//' cells, have no ' &
+      self%reason = self%target//'not met: the first points, '//list(cells)//' cells, have no ' &
          & //'answer'
       call move_alloc(error, run%ended)
       self%start = run
@@ -335,20 +335,6 @@ contains
 
 end subroutine refine
 
-pure integer function target_length(wanted)
-   real(wp), intent(in) :: wanted
-
-   target_length = len('the target error of  % is ') + len(to_text(100.0_wp*wanted, 3))
-end function target_length
-
-!> What was wanted, as the beginning of a sentence on whether it is met
-function target(self) result(text)
-   class(refinement_type), intent(in) :: self
-   character(len=target_length(self%wanted)) :: text
-
-   text = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is '
-end function target
-
 !> What the bars of an answer say about the points of a search that is not repeated
 subroutine refined_before(self, deck, bars)
    !> What is known of the search
@@ -359,13 +345,22 @@ subroutine refined_before(self, deck, bars)
    type(bars_type), intent(in) :: bars
 
    self%searched = .true.
-   call deck%get('refine.accuracy', self%wanted)
-   self%levels = ''
+   call begin(self, deck)
    call self%look_back(bars)
    self%met = self%reached >= 0.0_wp .and. self%reached <= self%wanted
-   self%reason = self%target()//trim(merge('met    ', 'not met', self%met))//' by the points of ' &
+   self%reason = self%target//trim(merge('met    ', 'not met', self%met))//' by the points of ' &
       & //'the run that is resumed'
 end subroutine refined_before
+
+!> What is wanted
+subroutine begin(self, deck)
+   type(refinement_type), intent(inout) :: self
+   type(deck_type), intent(in) :: deck
+
+   call deck%get('refine.accuracy', self%wanted)
+   self%target = 'the target error of '//to_text(100.0_wp*self%wanted, 3)//' % is '
+   self%levels = ''
+end subroutine begin
 
 !> Widest bar of the probes, over the size
 subroutine look_back(self, bars)

@@ -222,7 +222,7 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    end if
    ! without a last step the argument is absent
    call solve_static(problem, newton, scene%programme%plan(scene%load%steps), &
-      & scene%load%max_halvings, x, recorder, timer, error, last, halvings)
+      & scene%load%max_halvings, halvings, x, recorder, timer, error, last)
 end subroutine solve_problem
 
 subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)

@@ -7,14 +7,13 @@
 !> Reference: George, Liu, Computer Solution of Large Sparse Positive Definite Systems,
 !>            Prentice-Hall (1981), chapter 4 (the elimination order)
 module rk_rows
-   use rk_csr, only : csr_type, group_by
+   use rk_csr, only : csr_type, envelope_order, group_by
    use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
    use rk_lapack, only : syrk
    use rk_operator, only : row_operator
    use rk_precision, only : i8, wp
    use rk_shape, only : shape_type
-   use rk_sort, only : order_along
    use rk_text, only : to_text
    implicit none
    private
@@ -72,6 +71,7 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    real(wp), intent(in) :: position(:, :)
    !> Size of the boxes that gather near places, shape (nd) [length]
    real(wp), intent(in) :: spacing(:)
+   real(wp) :: least
    integer(i8) :: k
    integer :: b, is
 
@@ -97,7 +97,7 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
       self%centre(:, is) = self%centre(:, is) &
          & /max(self%seen%offset(is + 1) - self%seen%offset(is), 1_i8)
    end do
-   call envelope_order(shape%neighbour, self%centre, self%position, self%reach)
+   call envelope_order(shape%neighbour, self%centre, shape%ns, 1, self%position, self%reach, least)
 end subroutine new_rows
 
 subroutine apply(self, x, y)
@@ -390,49 +390,5 @@ pure subroutine gather(position, place, spacing, order, group)
       group = [0, pack(int(offset(2:)), offset(2:) > offset(:size(offset) - 1))]
    end associate
 end subroutine gather
-
-!> Elimination order of points along the axis that gives the smallest envelope of the matrix in
-!> which two points meet that share a place
-subroutine envelope_order(neighbour, centre, position, reach)
-   !> Points that cover each place
-   type(csr_type), intent(in) :: neighbour
-   !> Coordinates of the points, shape (nd, ns) [length]
-   real(wp), intent(in) :: centre(:, :)
-   !> Place of each point in the order, shape (ns)
-   integer, allocatable, intent(out) :: position(:)
-   !> First place in the order of the points that meet each point, shape (ns)
-   integer, allocatable, intent(out) :: reach(:)
-   integer, allocatable :: order(:), first(:)
-   integer(i8) :: size_now, size_best
-   integer :: d
-
-   size_best = huge(1_i8)
-   do d = 1, size(centre, 1)
-      call order_along(centre, d, order)
-      call find_reach(neighbour, order, first)
-      size_now = sum(order - first + 1_i8)
-      if (size_now >= size_best) cycle
-      size_best = size_now
-      call move_alloc(order, position)
-      call move_alloc(first, reach)
-   end do
-end subroutine envelope_order
-
-!> First point in an order that shares a place with each point
-subroutine find_reach(neighbour, order, reach)
-   type(csr_type), intent(in) :: neighbour
-   !> Place of each point in the order, shape (ns)
-   integer, intent(in) :: order(:)
-   !> First place of those that share a place, shape (ns)
-   integer, allocatable, intent(out) :: reach(:)
-   integer :: ip
-
-   reach = order
-   do ip = 1, size(neighbour%offset) - 1
-      associate (near => neighbour%index(neighbour%offset(ip) + 1:neighbour%offset(ip + 1)))
-         if (size(near) > 0) reach(near) = min(reach(near), minval(order(near)))
-      end associate
-   end do
-end subroutine find_reach
 
 end module rk_rows

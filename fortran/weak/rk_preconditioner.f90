@@ -6,10 +6,10 @@
 !> point lends an edge the share that a multilinear function of the corners has, so that cells which
 !> the surface leaves almost empty resist as little as their points do.
 !>
-!> The penalty of prescribed values acts on what the values on both sides of a surface point, across
-!> the surface, make there. Beyond the points of nodal cells the approximation extrapolates a little
-!> differently, and the difference must not weigh: the geometric mean of the penalty in use and of
-!> the cell's own stiffness errs by the same factor in both directions.
+!> The penalty of prescribed values acts on what the values of the corners make at a surface point.
+!> On a nodal cell it acts on the value at its point, which is not on the surface: the geometric
+!> mean of the penalty in use and of the cell's own stiffness errs by the same factor in both
+!> directions.
 !>
 !> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001
@@ -150,8 +150,6 @@ subroutine nodal_network(self, cells, surface, shear)
    type(cells_type), intent(in) :: cells
    type(surface_type), intent(in) :: surface
    real(wp), intent(in) :: shear(:)
-   integer, allocatable :: behind(:)
-   real(wp), allocatable :: held(:, :, :)
    integer :: k, nd, s
 
    nd = size(cells%point, 1)
@@ -169,19 +167,16 @@ subroutine nodal_network(self, cells, surface, shear)
             & - cells%point(:, b))*0.5_wp*(shear(a) + shear(b))
       end associate
    end do
-   call find_behind(behind, cells)
-   call find_penalties(held, cells, surface, shear, behind)
-   allocate (self%holds(2, size(behind)))
-   self%surface = [(s, s=1, size(behind))]
-   do s = 1, size(behind)
-      associate (own => cells%node(cells%lift_point(s)))
-         self%holds(:, s) = own
-         if (behind(s) == 0) cycle
-         self%holds(:, s) = ascending([own, cells%node(behind(s))])
-         if (self%holds(1, s) /= own) held(:, :, s) = held(2:1:-1, 2:1:-1, s)
+   allocate (self%holds(2, size(cells%set)))
+   allocate (self%penalty(2, 2, size(cells%set)), source=0.0_wp)
+   self%surface = [(s, s=1, size(cells%set))]
+   do s = 1, size(cells%set)
+      associate (own => cells%lift_point(s))
+         self%holds(:, s) = cells%node(own)
+         self%penalty(1, 1, s) = sqrt(surface%penalty(s)*shear(own)*sum(cells%outward(:, s)**2) &
+            & /cells%weight(own))
       end associate
    end do
-   call move_alloc(held, self%penalty)
 end subroutine nodal_network
 
 !> Couplings of source points along the edges of cells of Gauss points, and their penalties
@@ -275,55 +270,6 @@ pure function ascending(pair)
 
    ascending = [minval(pair), maxval(pair)]
 end function ascending
-
-!> Penalty of the value at each surface point, by those of its cell and the one behind
-pure subroutine find_penalties(held, cells, surface, shear, behind)
-   !> Penalties, shape (2, 2, ms) [force/length]
-   real(wp), allocatable, intent(out) :: held(:, :, :)
-   type(cells_type), intent(in) :: cells
-   type(surface_type), intent(in) :: surface
-   real(wp), intent(in) :: shear(:)
-   !> Cell behind each surface point, 0 if there is none, shape (ms)
-   integer, intent(in) :: behind(:)
-   real(wp) :: across(size(cells%point, 1)), share(2), penalty
-   integer :: s
-
-   allocate (held(2, 2, size(behind)))
-   do s = 1, size(behind)
-      associate (own => cells%lift_point(s))
-         across = cells%outward(:, s)
-         penalty = sqrt(surface%penalty(s)*shear(own)*dot_product(across, across)/cells%weight(own))
-         share = [1.0_wp, 0.0_wp]
-         if (behind(s) > 0) then
-            across = cells%point(:, own) - cells%point(:, behind(s))
-            share(2) = -dot_product(cells%surface(:, s) - cells%point(:, own), across) &
-               & /dot_product(across, across)
-            share(1) = 1.0_wp - share(2)
-         end if
-      end associate
-      held(:, :, s) = penalty*spread(share, 2, 2)*spread(share, 1, 2)
-   end do
-end subroutine find_penalties
-
-!> Cell on the other side of each surface point's cell, 0 if there is none
-pure subroutine find_behind(behind, cells)
-   !> Cells, shape (ms)
-   integer, allocatable, intent(out) :: behind(:)
-   type(cells_type), intent(in) :: cells
-   integer :: facing(2, size(cells%point, 1), size(cells%weight)), d, k, s
-
-   facing = 0
-   do k = 1, size(cells%side, 2)
-      d = maxloc(abs(cells%area(:, k)), dim=1)
-      facing(merge(1, 2, cells%area(d, k) > 0.0_wp), d, cells%side(2, k)) = cells%side(1, k)
-      facing(merge(2, 1, cells%area(d, k) > 0.0_wp), d, cells%side(1, k)) = cells%side(2, k)
-   end do
-   allocate (behind(size(cells%lift_point)))
-   do s = 1, size(behind)
-      d = maxloc(abs(cells%outward(:, s)), dim=1)
-      behind(s) = facing(merge(1, 2, cells%outward(d, s) > 0.0_wp), d, cells%lift_point(s))
-   end do
-end subroutine find_behind
 
 subroutine apply(self, x, y)
    class(preconditioner_type), intent(in) :: self

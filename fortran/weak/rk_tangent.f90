@@ -215,7 +215,6 @@ subroutine complete(self, cells, inside, modulus)
    call stabilise(component, component%value, cells, inside, modulus)
    call component%compressed(start, column, value)
    call new_sparse_rows(self%stabilising, start, column, value)
-   call self%stabilising%share()
 end subroutine complete
 
 !> Product of the part that never changes with a vector

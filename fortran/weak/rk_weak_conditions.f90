@@ -70,13 +70,10 @@ subroutine set_conditions(self, scene, cells, shear, error)
    n = scene%programme%count()
    nd = scene%cloud%nd
    ms = size(cells%set)
-   if (allocated(self%penalty)) deallocate (self%penalty)
    call prescribed_at(scene, cells, self%essential, self%value, self%traction, error)
    if (allocated(error)) return
    call self%set_penalty(scene, cells, shear)
    call new_plates(self%plates, scene, cells, self%shape%ns)
-   if (allocated(self%pressure)) deallocate (self%pressure)
-   if (allocated(self%spring)) deallocate (self%spring)
    if (any(abs(scene%condition%pressure) > 0.0_wp)) allocate (self%pressure(n, ms), source=0.0_wp)
    if (any([(scene%condition(i)%spring > 0.0_wp, i=1, size(scene%condition))])) &
       & allocate (self%spring(nd, ms), source=0.0_wp)

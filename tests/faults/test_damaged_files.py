@@ -422,10 +422,9 @@ def test_threads_of_the_environment(model: Path) -> None:
 
 
 @pytest.mark.parametrize("word", ["--help", "--version"])
-def test_little_memory_answers_questions(word: str) -> None:
-    ends = [run(word), run(word, **limited(300_000_000))]
-    assert ends[0].returncode == ends[1].returncode == 0
-    assert ends[0].stdout == ends[1].stdout and "myork-solve" in ends[0].stdout
+def test_the_executable_answers_questions(word: str) -> None:
+    done = run(word)
+    assert done.returncode == 0 and "myork-solve" in done.stdout
 
 
 @pytest.mark.parametrize(("words", "message"), [

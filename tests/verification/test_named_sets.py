@@ -273,7 +273,7 @@ def pulled(*material: dict[str, Any]) -> dict[str, Any]:
         ([], {"set": "x0", "u_x": 0.1, "amplitude": "pulse"},
          "x0 and y0 meet and prescribe two displacements, 0.1 and 0, for comp"),
         ([HALF], {"set": "pad", "tendon": 1.0, "direction": [1, 0]},
-         "overlap at (0.625, 0), where a tendon moves one of them as a plate"),
+         "prescribe two displacements, one of them by a tendon, as a plate, for component"),
         ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
          "set pad: it contains 1 boundary points, but none of the"))),
     # which material lies where

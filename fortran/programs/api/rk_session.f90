@@ -47,7 +47,7 @@ subroutine open_session(path, text, overrides, model, listener, slot, error)
    if (.not. allocated(error)) call new_scene(slot%scene, deck, model, error)
    if (.not. allocated(error)) then
       call new_problem(slot%full, slot%scene, error)
-      call deck%locate('geometry', error)
+      call deck%locate(error)
    end if
    if (allocated(error)) then
       call close_slot(slot)

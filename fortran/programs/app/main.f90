@@ -87,7 +87,7 @@ contains
 
       call system_clock(began)
       call new_problem(problem, scene, error)
-      call deck%locate('geometry', error)
+      call deck%locate(error)
       call leave_on(error)
       shape_s = tick(began)
       call catch_signals()

@@ -2,7 +2,7 @@
 module rk_cli
    use omp_lib, only : omp_get_max_threads
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_system, only : usage_text, version_text
+   use rk_system, only : version_text
    use rk_text, only : to_text
    implicit none
    private
@@ -11,6 +11,29 @@ module rk_cli
 
    !> More threads than any machine that shares memory has; the system would refuse to start them
    integer, parameter :: most_threads = 1024
+   character(len=*), parameter :: nl = new_line('a'), usage_text = &
+      & 'usage: myork-solve DECK [-o DIR | --out DIR] [-t N | --threads N] [--set ' &
+      & //'table.key=value]...'//nl &
+      & //'                   [-q | -v] [--resume] [--start-from FILE[:STEP]] [--no-error] ' &
+      & //'[--explain]'//nl//nl &
+      & //'Solve the full model of a deck and write summary.json, results.vtkhdf, ' &
+      & //'history.csv and run.log.'//nl//nl &
+      & //'  -o, --out DIR'//nl &
+      & //'                folder of the results; default out/<deck>'//nl &
+      & //'  -t, --threads N'//nl &
+      & //'                threads; default all cores'//nl &
+      & //'  --set K=V     override a key of the deck; may be repeated'//nl &
+      & //'  -q, -v        no progress, or a line for every iteration'//nl &
+      & //'  --no-error    no second solution, so no error bars of the probes'//nl &
+      & //'  --resume      continue from the last complete load step of an earlier run in ' &
+      & //'the folder'//nl &
+      & //'  --start-from FILE[:STEP]'//nl &
+      & //'                start from a state in a result file instead of at rest'//nl &
+      & //'  --explain     print what will be modelled and what it costs, and stop'//nl &
+      & //'  --version     version'//nl &
+      & //'  --help        this text'//nl//nl &
+      & //'exit status: 0 done; 1 ended without convergence, the last converged state is ' &
+      & //'written, or the answer is refused; 2 bad input; 3 broken installation'
 
    !> What the program was asked to do
    type :: config_type
@@ -55,7 +78,7 @@ subroutine read_arguments(config, error)
       call get_argument(i, word)
       select case (word)
       case ('-h', '--help')
-         config%answer = usage_text()
+         config%answer = usage_text
          return
       case ('--version')
          config%answer = 'myork-solve '//version_text()
@@ -74,7 +97,7 @@ subroutine read_arguments(config, error)
          i = i + 1
          call get_argument(i, value)
          if (i > command_argument_count() .or. len(value) == 0) then
-            call fatal_error(error, err_input, word//' needs a value'//new_line('a')//usage_text())
+            call fatal_error(error, err_input, word//' needs a value'//new_line('a')//usage_text)
             return
          end if
          select case (word)
@@ -105,14 +128,14 @@ subroutine read_arguments(config, error)
       case default
          if (index(word, '-') == 1 .or. len(config%deck) > 0 .or. len(word) == 0) then
             call fatal_error(error, err_input, "unknown argument '"//word//"'"//new_line('a') &
-               & //usage_text())
+               & //usage_text)
             return
          end if
          config%deck = word
       end select
    end do
    if (len(config%deck) == 0) then
-      call fatal_error(error, err_input, 'no deck given'//new_line('a')//usage_text())
+      call fatal_error(error, err_input, 'no deck given'//new_line('a')//usage_text)
       return
    end if
    if (config%threads == 0 .and. omp_get_max_threads() > most_threads) then

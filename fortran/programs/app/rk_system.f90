@@ -10,7 +10,7 @@ module rk_system
    private
 
    public :: catch_signals, prepare_process, interrupted, peak_bytes, cpu_seconds
-   public :: make_folder, lock_folder, usage_text, version_text, tell, process_number
+   public :: make_folder, lock_folder, version_text, tell, process_number
 
    interface
       !> Install the handlers
@@ -49,10 +49,6 @@ module rk_system
          character(kind=c_char), intent(in) :: path(*)
          type(c_ptr) :: why
       end function c_make_folder
-      pure function c_usage_text() result(text) bind(c, name='rk_usage_text')
-         import :: c_ptr
-         type(c_ptr) :: text
-      end function c_usage_text
       pure function c_version_text() result(text) bind(c, name='rk_version_text')
          import :: c_ptr
          type(c_ptr) :: text
@@ -105,12 +101,6 @@ subroutine tell(line)
    write (output_unit, '(a)', iostat=ignored) line
    flush (output_unit, iostat=ignored)
 end subroutine tell
-
-function usage_text() result(text)
-   character(len=c_strlen(c_usage_text())) :: text
-
-   text = to_fortran(c_usage_text())
-end function usage_text
 
 function version_text() result(text)
    character(len=c_strlen(c_version_text())) :: text

@@ -15,29 +15,6 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static const char usage[] =
-   "usage: myork-solve DECK [-o DIR | --out DIR] [-t N | --threads N] [--set table.key=value]...\n"
-   "                   [-q | -v] [--resume] [--start-from FILE[:STEP]] [--no-error] [--explain]\n"
-   "\n"
-   "Solve the full model of a deck and write summary.json, results.vtkhdf, history.csv and run.log.\n"
-   "\n"
-   "  -o, --out DIR\n"
-   "                folder of the results; default out/<deck>\n"
-   "  -t, --threads N\n"
-   "                threads; default all cores\n"
-   "  --set K=V     override a key of the deck; may be repeated\n"
-   "  -q, -v        no progress, or a line for every iteration\n"
-   "  --no-error    no second solution, so no error bars of the probes\n"
-   "  --resume      continue from the last complete load step of an earlier run in the folder\n"
-   "  --start-from FILE[:STEP]\n"
-   "                start from a state in a result file instead of at rest\n"
-   "  --explain     print what will be modelled and what it costs, and stop\n"
-   "  --version     version\n"
-   "  --help        this text\n"
-   "\n"
-   "exit status: 0 done; 1 ended without convergence, the last converged state is written, "
-   "or the answer is refused; 2 bad input; 3 broken installation";
-
 static volatile sig_atomic_t interrupted = 0;
 
 static void on_signal(int number) {
@@ -158,26 +135,17 @@ __attribute__((constructor)) static void wait_passively(int argc, char **argv) {
 #ifdef __linux__
 enum { LEAST_MEGABYTES = 800 };
 
-static void refuse_little_memory(int argc, char **argv) {
+static void refuse_little_memory(void) {
    struct rlimit limit;
    if (getrlimit(RLIMIT_AS, &limit) != 0 || limit.rlim_cur == RLIM_INFINITY) return;
    if (limit.rlim_cur >= (rlim_t)LEAST_MEGABYTES * 1000000) return;
-   if (argc == 2) {   /* questions need no library */
-      int help = strcmp(argv[1], "--help") == 0 || strcmp(argv[1], "-h") == 0;
-      int done = help ? dprintf(STDOUT_FILENO, "%s\n", usage) : 0;
-      if (strcmp(argv[1], "--version") == 0)
-         done = dprintf(STDOUT_FILENO, "myork-solve %s\n", MYORK_VERSION);
-      if (done > 0) _exit(0);
-   }
    dprintf(STDERR_FILENO, "the limit of the memory (ulimit -v) is %.0f MB: at least %d MB are needed\n",
            (double)limit.rlim_cur / 1e6, LEAST_MEGABYTES);
    _exit(2);
 }
 
-__attribute__((section(".preinit_array"), used)) static void (*const before_libraries)(int, char **) =
+__attribute__((section(".preinit_array"), used)) static void (*const before_libraries)(void) =
    refuse_little_memory;
 #endif
-
-const char *rk_usage_text(void) { return usage; }
 
 const char *rk_version_text(void) { return MYORK_VERSION; }
