@@ -31,8 +31,8 @@ module rk_lstsq
    public :: row_operator, lstsq_report, solve_lstsq, solver_names
 
    !> Methods by name
-   character(len=7), parameter :: solver_names(6) = ['auto   ', 'dgels  ', 'dgelsy ', &
-      & 'normal ', 'refined', 'spqr   ']
+   character(len=*), parameter :: solver_names(*) = [character(len=13) :: 'auto', 'dgels', &
+      & 'dgelsy', 'normal', 'refined', 'spqr', 'sparse-normal']
 
    !> Upper triangle of a QR factorisation
    type, extends(factor_type) :: dense_factor
@@ -88,6 +88,8 @@ subroutine solve_lstsq(op, b, method, x, report, error)
 
    report%why = 'asked for'
    report%used = trim(method)
+   ! the envelope is the sparse form of the normal matrix
+   if (method == 'sparse-normal') report%used = 'normal'
    if (.not. any(solver_names == method)) then
       call fatal_error(error, err_input, 'unknown least squares solver '//trim(method))
    else if (op%m < op%n) then

@@ -104,7 +104,7 @@ subroutine prepare(self, solver, error)
    integer :: j
 
    associate (body => self%body)
-      body%by_qr = body%least_squares .and. solver /= 'normal'
+      body%by_qr = body%least_squares .and. index(solver, 'normal') == 0
       if (allocated(body%pushed)) deallocate (body%pushed)
       if (.not. body%by_qr) then
          body%factor = matmul(transpose(body%test), body%image%a)

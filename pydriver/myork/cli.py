@@ -451,7 +451,7 @@ _COMMANDS = {
             _option("--method", "NAME", "override scene.method, such as rkcm"),
             _option(
                 "--solver", "NAME",
-                "override solver.linear: auto, dgels, dgelsy, normal, refined, spqr",
+                "override solver.linear: auto, dgels, dgelsy, normal, refined, spqr, sparse-normal",
             ),
             _flag(
                 "--resume",
