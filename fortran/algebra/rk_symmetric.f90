@@ -421,6 +421,11 @@ subroutine solve_with(self, given, b, x, report, error)
    if (symmetric) call solve_near(self, given, b, x, report, found)
    if (found) return
    report%used = 'cholesky'
+   if (self%again) then
+      x = b
+      call self%kept%solve(x)
+      return
+   end if
    report%why = 'the tangent is square and symmetric: Cholesky, or LU where it is not positive ' &
       & //'definite'
    if (allocated(self%skew)) then

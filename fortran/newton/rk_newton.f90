@@ -12,6 +12,7 @@ module rk_newton
    use rk_damping, only : damping_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
+   use rk_lstsq, only : lstsq_report
    use rk_newton_step, only : find_step
    use rk_operator, only : square_operator
    use rk_path, only : path_type
@@ -32,7 +33,8 @@ module rk_newton
    !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
    !> that at which the load step starts; the largest may grow by the inverse [-]
    real(wp), parameter :: squeezed = 0.2_wp
-   !> Step, and residual of the first one, with which a state on the way is near enough [-]
+   !> Step, and residual of the first one, with which a state on the way is near enough; so small a
+   !> step leaves a tangent as it is, also in its stability [-]
    real(wp), parameter :: near = 1.0e-3_wp
 
    !> Settings and outcome of the iteration, and what load steps hand to the next
@@ -118,6 +120,9 @@ module rk_newton
    real(wp), parameter :: slight = 1.0e-8_wp
    !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
    real(wp), parameter :: nothing = 1.0e-11_wp
+   !> Corrections of a step at most, and the size of each, of the one before, at most [-]
+   integer, parameter :: most_corrections = 3
+   real(wp), parameter :: falls = 0.1_wp
    !> Residual that a step solved to few digits may leave, in tolerances: it has the volume times K,
    !> and is K over the shear modulus larger than that of the equations that are solved [-]
    real(wp), parameter :: slack = 10.0_wp
@@ -258,9 +263,43 @@ contains
       call linearise()
    end subroutine weigh
 
+   !> Correct a step by further ones with its factor, each of which takes a fifth of the time or
+   !> less. What is left by the last one is as if a step of Newton of that size had left it.
+   subroutine correct()
+      type(lstsq_report) :: report
+      type(evaluation_type) :: seen
+      type(error_type), allocatable :: failure
+      real(wp) :: size_before, size_now
+      integer :: k
+
+      select type (matrix => problem%linearised)
+      class is (square_operator)
+         size_before = self%step_norm
+         matrix%again = .true.
+         do k = 1, most_corrections
+            if (self%step_norm < self%tolerance) exit
+            call matrix%solve_square(0.0_wp, -r, da, report%square_report, failure)
+            if (allocated(failure)) exit
+            trial = a + da
+            call problem%evaluate(trial, load, new, seen)
+            size_now = maxval(problem%scaled_norms(da)/now%extent)
+            if (.not. (seen%valid .and. size_now <= falls*size_before &
+               & .and. norm2(new) < norm2(r))) exit
+            a = trial
+            r = new
+            self%state = seen
+            problem%corrected = .true.
+            self%step_norm = size_now/sqrt(size_before)
+            size_before = size_now
+         end do
+         matrix%again = .false.
+      end select
+   end subroutine correct
+
    subroutine linearise()
       call system_clock(clock)
       call problem%evaluate(a, load, r, self%state, tangent=.true.)
+      problem%corrected = .false.
       timer%assemble = timer%assemble + tick(clock)
       now%linearised = .true.
    end subroutine linearise
@@ -302,7 +341,7 @@ contains
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
-      logical :: blind, definite
+      logical :: ahead, blind, definite
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -315,8 +354,12 @@ contains
       definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
       if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
+      ! of a state in the midst of the iteration the tangent is wanted next
+      ahead = problem%square .and. .not. problem%inexact .and. (self%iterations > 1 &
+         & .or. self%path%states() > 0)
+      if (ahead .and. self%iterations > 1) ahead = any(moved >= near*now%extent)
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
-         & imposed > 0.0_wp, trial, new, scale, gain, self%state)
+         & imposed > 0.0_wp, ahead, trial, new, scale, gain, self%state)
       now%whole = scale >= 1.0_wp .and. imposed < slight
       taken = scale*da
       if (blind .or. .not. scale > 0.0_wp) then
@@ -324,7 +367,7 @@ contains
       end if
       if (scale > 0.0_wp) then
          now%rejected = 0
-         now%linearised = .not. problem%square
+         now%linearised = .not. problem%square .or. (ahead .and. scale >= 1.0_wp)
          a = trial
          r = new
          if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
@@ -336,7 +379,6 @@ contains
          call now%damping%reject()
          call problem%evaluate(a, load, r, self%state, tangent=.true.)
       end if
-      timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
          now%extent = problem%scaled_norms(a)
          ! a pressure may be none; then strain times the shear modulus is what it is small against
@@ -346,6 +388,9 @@ contains
       self%step_norm = maxval(moved/now%extent)
       if (self%iterations == 1) now%first_step = self%step_norm
       now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
+      if (self%step_norm < near .and. now%whole .and. definite .and. self%iterations > 1 &
+         & .and. .not. (now%passes .or. problem%inexact)) call correct()
+      timer%assemble = timer%assemble + tick(clock)
       it%step = step
       it%load = load
       it%iteration = self%iterations
@@ -394,6 +439,7 @@ subroutine begin(self, problem, load, a, r, first_gradient)
    real(wp) :: g(size(a))
    logical :: found
 
+   problem%corrected = .false.
    call problem%start(a, load, .false.)
    ! the start will have another matrix
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
