@@ -67,6 +67,9 @@ module rk_newton
       !> The last step of the last load step that converged had no Cholesky factor where one was
       !> tried: its equilibrium may be unstable
       logical :: unstable = .false.
+      !> The last load step was given up after a first iterate: a smaller one from the same state has
+      !> the same factor
+      logical :: reuses = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
       !> Smallest and largest volume ratio of the state at which the load step starts [-]
@@ -93,6 +96,8 @@ module rk_newton
       real(wp) :: left = huge(1.0_wp)
       !> The last step was neither shortened nor damped
       logical :: whole = .true.
+      !> The last step had a Cholesky factor
+      logical :: definite = .false.
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
       !> The problem is linearised at the last state
@@ -232,6 +237,8 @@ contains
       select type (matrix => problem%linearised)
       class is (square_operator)
          matrix%impatient = self%impatient .and. self%iterations == 0
+         matrix%again = self%reuses
+         self%reuses = .false.
       end select
    end subroutine set_patience
 
@@ -341,7 +348,7 @@ contains
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
-      logical :: ahead, blind, definite
+      logical :: ahead, blind
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -351,9 +358,9 @@ contains
       moved = problem%scaled_norms(da)
       ! a step along a soft mode strains stiff ones, as bending stretches a column, and the next
       ! step corrects that: residuals need not fall from step to step
-      definite = problem%square .and. it%solver%used == 'cholesky'
+      now%definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
-      if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
+      if (now%definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
       ! of a state in the midst of the iteration the tangent is wanted next
       ahead = problem%square .and. .not. problem%inexact .and. (self%iterations > 1 &
          & .or. self%path%states() > 0)
@@ -370,7 +377,8 @@ contains
          now%linearised = .not. problem%square .or. (ahead .and. scale >= 1.0_wp)
          a = trial
          r = new
-         if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
+         if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, &
+            & now%definite)
          ! see whether a whole step would move
          if (now%left < nothing) now%damping%lambda = 0.0_wp
       else
@@ -388,7 +396,7 @@ contains
       self%step_norm = maxval(moved/now%extent)
       if (self%iterations == 1) now%first_step = self%step_norm
       now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
-      if (self%step_norm < near .and. now%whole .and. definite .and. self%iterations > 1 &
+      if (self%step_norm < near .and. now%whole .and. now%definite .and. self%iterations > 1 &
          & .and. .not. (now%passes .or. problem%inexact)) call correct()
       timer%assemble = timer%assemble + tick(clock)
       it%step = step
@@ -440,10 +448,10 @@ subroutine begin(self, problem, load, a, r, first_gradient)
    logical :: found
 
    problem%corrected = .false.
-   call problem%start(a, load, .false.)
+   if (.not. self%reuses) call problem%start(a, load, .false.)
    ! the start will have another matrix
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
-      & tangent=.not. (problem%square .and. self%path%states() > 0))
+      & tangent=.not. (problem%square .and. (self%reuses .or. self%path%states() > 0)))
    self%least_j = self%state%min_j
    self%largest_j = self%state%max_j
    call problem%start(a, load, .true.)
@@ -505,6 +513,8 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
       & .or. self%state%max_j*squeezed > self%largest_j)) then
       call fatal_error(error, err_convergence, 'the first iterate is far from the solution' &
          & //reached)
+      self%reuses = now%definite .and. self%path%states() == 0 &
+         & .and. .not. (problem%inexact .or. self%unstable)
    else if (self%impatient .and. problem%square .and. self%iterations >= settled &
       & .and. merit > share*now%past(pace) .and. self%gradient > now%balance) then
       call fatal_error(error, err_convergence, 'too slow after '//to_text(self%iterations) &

@@ -230,6 +230,7 @@ contains
          call recorder%note('no equilibrium at the beginning of the programme from the given ' &
             & //'start: '//error%message//'; it is approached from rest instead', warning=.false.)
          deallocate (error)
+         newton%reuses = .false.
          return
       end if
       aside = .false.
