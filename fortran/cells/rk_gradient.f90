@@ -45,7 +45,7 @@ module rk_gradient
       !> np, factors), index (i, A) [-]
       real(wp), allocatable :: given(:, :, :, :)
       !> Points where any is, shape (np)
-      logical, allocatable, private :: lifts(:)
+      logical, allocatable :: lifts(:)
    contains
       procedure :: at => gradient_at
       !> Part of it that essential values make

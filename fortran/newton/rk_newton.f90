@@ -36,6 +36,8 @@ module rk_newton
    !> Step, and residual of the first one, with which a state on the way is near enough; so small a
    !> step leaves a tangent as it is, also in its stability [-]
    real(wp), parameter :: near = 1.0e-3_wp
+   !> Step on the way whose end a single correction may bring so near [-]
+   real(wp), parameter :: near_on_way = 0.05_wp
 
    !> Settings and outcome of the iteration, and what load steps hand to the next
    type :: newton_type
@@ -270,6 +272,11 @@ contains
       call linearise()
    end subroutine weigh
 
+   !> Steps below which corrections find what the next step of Newton would [-]
+   pure real(wp) function corrected()
+      corrected = merge(near_on_way, near, now%passes)
+   end function corrected
+
    !> Correct a step by further ones with its factor, each of which takes a fifth of the time or
    !> less. What is left by the last one is as if a step of Newton of that size had left it.
    subroutine correct()
@@ -283,8 +290,9 @@ contains
       class is (square_operator)
          size_before = self%step_norm
          matrix%again = .true.
-         do k = 1, most_corrections
-            if (self%step_norm < self%tolerance) exit
+         do k = 1, merge(1, most_corrections, now%passes)
+            ! stiff motions need a second one
+            if (k /= 2 .and. self%step_norm < merge(near, self%tolerance, now%passes)) exit
             call matrix%solve_square(0.0_wp, -r, da, report%square_report, failure)
             if (allocated(failure)) exit
             trial = a + da
@@ -296,7 +304,7 @@ contains
             r = new
             self%state = seen
             problem%corrected = .true.
-            self%step_norm = size_now/sqrt(size_before)
+            self%step_norm = merge(size_now, size_now/sqrt(size_before), now%passes)
             size_before = size_now
          end do
          matrix%again = .false.
@@ -364,7 +372,7 @@ contains
       ! of a state in the midst of the iteration the tangent is wanted next
       ahead = problem%square .and. .not. problem%inexact .and. (self%iterations > 1 &
          & .or. self%path%states() > 0)
-      if (ahead .and. self%iterations > 1) ahead = any(moved >= near*now%extent)
+      if (ahead .and. self%iterations > 1) ahead = any(moved >= corrected()*now%extent)
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
          & imposed > 0.0_wp, ahead, trial, new, scale, gain, self%state)
       now%whole = scale >= 1.0_wp .and. imposed < slight
@@ -396,8 +404,8 @@ contains
       self%step_norm = maxval(moved/now%extent)
       if (self%iterations == 1) now%first_step = self%step_norm
       now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
-      if (self%step_norm < near .and. now%whole .and. now%definite .and. self%iterations > 1 &
-         & .and. .not. (now%passes .or. problem%inexact)) call correct()
+      if (self%step_norm < corrected() .and. now%whole .and. now%definite &
+         & .and. self%iterations > 1 .and. .not. problem%inexact) call correct()
       timer%assemble = timer%assemble + tick(clock)
       it%step = step
       it%load = load
