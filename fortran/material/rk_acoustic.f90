@@ -143,6 +143,10 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    real(wp) :: principal(3)
    integer :: i, trial
 
+   if (nd == 2) then
+      smallest = plane_value()
+      return
+   end if
    q = n(1)**2*form(:, :, 1) + n(2)**2*form(:, :, 2) + n(3)**2*form(:, :, 3) &
       & + n(2)*n(3)*form(:, :, 4) + n(1)*n(3)*form(:, :, 5) + n(1)*n(2)*form(:, :, 6)
    across = m/sqrt(dot_product(m, m))
@@ -151,30 +155,45 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    a = dot_product(side(:, 1), image(:, 1))
    b = dot_product(side(:, 1), image(:, 2))
    c = dot_product(side(:, 2), image(:, 2))
-   smallest = least_of(a, b, c)
+   smallest = lower(a, b, c)
    if (rigid) return
    ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
    stiff = dot_product(across, matmul(q, across))
    coupling = [(dot_product(across, image(:, i)), i=1, 2)]
    if (.not. stiff - smallest > apart*sqrt(dot_product(coupling, coupling))) then
       principal = principal_values(q)
-      smallest = merge(lower(q(1, 1), q(1, 2), q(2, 2)), principal(3), nd == 2)
+      smallest = principal(3)
       return
    end if
    do trial = 1, eliminations
       share = coupling/sqrt(stiff - smallest)
-      smallest = least_of(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
+      smallest = lower(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
    end do
 
 contains
 
-   !> Smaller eigenvalue of the motions that keep the volume, in the plane of the only one
-   pure real(wp) function least_of(a, b, c)
-      !> Entries 11, 12, 22
-      real(wp), intent(in) :: a, b, c
+   !> The same in the plane, where one motion keeps the volume
+   pure real(wp) function plane_value() result(least)
+      real(wp) :: p(2, 2), t(2), along(2), own, beside, hard
+      integer :: k
 
-      least_of = merge(a, lower(a, b, c), nd == 2)
-   end function least_of
+      p = n(1)**2*form(:2, :2, 1) + n(2)**2*form(:2, :2, 2) + n(1)*n(2)*form(:2, :2, 6)
+      t = m(:2)/sqrt(m(1)**2 + m(2)**2)
+      along = p(:, 2)*t(1) - p(:, 1)*t(2)
+      own = along(2)*t(1) - along(1)*t(2)
+      least = own
+      if (rigid) return
+      beside = along(1)*t(1) + along(2)*t(2)
+      along = p(:, 1)*t(1) + p(:, 2)*t(2)
+      hard = along(1)*t(1) + along(2)*t(2)
+      if (.not. hard - own > apart*abs(beside)) then
+         least = lower(p(1, 1), p(1, 2), p(2, 2))
+         return
+      end if
+      do k = 1, eliminations
+         least = own - beside**2/(hard - least)
+      end do
+   end function plane_value
 
 end function smallest
 

@@ -38,6 +38,8 @@ module rk_newton
    real(wp), parameter :: near = 1.0e-3_wp
    !> Step on the way whose end a single correction may bring so near [-]
    real(wp), parameter :: near_on_way = 0.05_wp
+   !> Bulk over shear modulus of which this holds; it falls with the root of stiffer ones [-]
+   real(wp), parameter :: firm = 1.0e3_wp
 
    !> Settings and outcome of the iteration, and what load steps hand to the next
    type :: newton_type
@@ -56,6 +58,8 @@ module rk_newton
       !> The load is on the way to the one that is asked for: nothing but the next start is taken
       !> from its state
       logical :: passes = .false.
+      !> A single correction may end a step on the way: the branch is not in danger
+      logical :: hastens = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
@@ -69,8 +73,8 @@ module rk_newton
       !> The last step of the last load step that converged had no Cholesky factor where one was
       !> tried: its equilibrium may be unstable
       logical :: unstable = .false.
-      !> The last load step was given up after a first iterate: a smaller one from the same state has
-      !> the same factor
+      !> The last load step was given up after its first iterate: a smaller one from the same state
+      !> has the same factor
       logical :: reuses = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
@@ -272,9 +276,11 @@ contains
       call linearise()
    end subroutine weigh
 
-   !> Steps below which corrections find what the next step of Newton would [-]
-   pure real(wp) function corrected()
-      corrected = merge(near_on_way, near, now%passes)
+   !> Steps below which corrections find what the next step of Newton would: second orders of volume
+   !> come back as K times as large a pressure [-]
+   real(wp) function corrected()
+      corrected = merge(near_on_way, near, now%passes .and. self%hastens) &
+         & *min(1.0_wp, sqrt(firm/problem%scene%stiffest_ratio()))
    end function corrected
 
    !> Correct a step by further ones with its factor, each of which takes a fifth of the time or
@@ -372,7 +378,8 @@ contains
       ! of a state in the midst of the iteration the tangent is wanted next
       ahead = problem%square .and. .not. problem%inexact .and. (self%iterations > 1 &
          & .or. self%path%states() > 0)
-      if (ahead .and. self%iterations > 1) ahead = any(moved >= corrected()*now%extent)
+      if (ahead .and. self%iterations > 1) &
+         & ahead = any(moved >= max(corrected(), self%tolerance)*now%extent)
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
          & imposed > 0.0_wp, ahead, trial, new, scale, gain, self%state)
       now%whole = scale >= 1.0_wp .and. imposed < slight

@@ -136,6 +136,7 @@ contains
          & .and. .not. (newton%unstable .and. halvings >= early)
       newton%settles = .false.
       newton%passes = load < target_load
+      newton%hastens = halvings < early
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
          & .or. planned%knot(step)
    end subroutine choose_load
