@@ -144,7 +144,18 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    integer :: i, trial
 
    if (nd == 2) then
-      smallest = plane_value()
+      q(:2, :2) = n(1)**2*form(:2, :2, 1) + n(2)**2*form(:2, :2, 2) + n(1)*n(2)*form(:2, :2, 6)
+      across = m/sqrt(m(1)**2 + m(2)**2)
+      image(:2, 1) = q(:2, 2)*across(1) - q(:2, 1)*across(2)
+      smallest = image(2, 1)*across(1) - image(1, 1)*across(2)
+      if (rigid) return
+      a = smallest
+      b = image(1, 1)*across(1) + image(2, 1)*across(2)
+      stiff = dot_product(across(:2), q(:2, 1)*across(1) + q(:2, 2)*across(2))
+      if (.not. stiff - a > apart*abs(b)) smallest = lower(q(1, 1), q(1, 2), q(2, 2))
+      do trial = 1, merge(eliminations, 0, stiff - a > apart*abs(b))
+         smallest = a - b**2/(stiff - smallest)
+      end do
       return
    end if
    q = n(1)**2*form(:, :, 1) + n(2)**2*form(:, :, 2) + n(3)**2*form(:, :, 3) &
@@ -169,32 +180,6 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
       share = coupling/sqrt(stiff - smallest)
       smallest = lower(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
    end do
-
-contains
-
-   !> The same in the plane, where one motion keeps the volume
-   pure real(wp) function plane_value() result(least)
-      real(wp) :: p(2, 2), t(2), along(2), own, beside, hard
-      integer :: k
-
-      p = n(1)**2*form(:2, :2, 1) + n(2)**2*form(:2, :2, 2) + n(1)*n(2)*form(:2, :2, 6)
-      t = m(:2)/sqrt(m(1)**2 + m(2)**2)
-      along = p(:, 2)*t(1) - p(:, 1)*t(2)
-      own = along(2)*t(1) - along(1)*t(2)
-      least = own
-      if (rigid) return
-      beside = along(1)*t(1) + along(2)*t(2)
-      along = p(:, 1)*t(1) + p(:, 2)*t(2)
-      hard = along(1)*t(1) + along(2)*t(2)
-      if (.not. hard - own > apart*abs(beside)) then
-         least = lower(p(1, 1), p(1, 2), p(2, 2))
-         return
-      end if
-      do k = 1, eliminations
-         least = own - beside**2/(hard - least)
-      end do
-   end function plane_value
-
 end function smallest
 
 !> Smaller eigenvalue of a symmetric 2x2 matrix

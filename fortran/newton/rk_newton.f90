@@ -12,9 +12,8 @@ module rk_newton
    use rk_damping, only : damping_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
-   use rk_lstsq, only : lstsq_report
    use rk_newton_step, only : find_step
-   use rk_operator, only : square_operator
+   use rk_operator, only : square_operator, square_report
    use rk_path, only : path_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
@@ -73,8 +72,7 @@ module rk_newton
       !> The last step of the last load step that converged had no Cholesky factor where one was
       !> tried: its equilibrium may be unstable
       logical :: unstable = .false.
-      !> The last load step was given up after its first iterate: a smaller one from the same state
-      !> has the same factor
+      !> A first iterate was found: a smaller load step from the same state has the same factor
       logical :: reuses = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
@@ -102,8 +100,6 @@ module rk_newton
       real(wp) :: left = huge(1.0_wp)
       !> The last step was neither shortened nor damped
       logical :: whole = .true.
-      !> The last step had a Cholesky factor
-      logical :: definite = .false.
       !> The last step moved nothing beside the size of the body
       logical :: still = .false.
       !> The problem is linearised at the last state
@@ -111,6 +107,9 @@ module rk_newton
       !> The state is one on the way, whose residual |r| needs to fall no farther than this
       logical :: passes = .false.
       real(wp) :: enough = 0.0_wp
+      !> Steps below which corrections find what the next step of Newton would: second orders of
+      !> volume come back as K times as large a pressure [-]
+      real(wp) :: reach = near
       !> Steps rejected in a row
       integer :: rejected = 0
       !> Times that row weights were taken in this load step, and from which state, shape (n)
@@ -217,6 +216,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       end if
    end do
    x = a
+   self%reuses = .false.
    self%unstable = .false.
    if (allocated(it%solver%used)) self%unstable = it%solver%used == 'lu' .and. it%solver%indefinite
 
@@ -235,6 +235,8 @@ contains
       ! steps that are solved to few digits, or have row weights, need the full way
       now%passes = self%passes .and. problem%square .and. .not. problem%inexact
       now%enough = near*norm2(r)
+      now%reach = merge(near_on_way, near, now%passes .and. self%hastens) &
+         & *min(1.0_wp, sqrt(firm/problem%scene%stiffest_ratio()))
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
 
@@ -243,7 +245,7 @@ contains
       select type (matrix => problem%linearised)
       class is (square_operator)
          matrix%impatient = self%impatient .and. self%iterations == 0
-         matrix%again = self%reuses
+         matrix%again = self%reuses .and. self%iterations == 0
          self%reuses = .false.
       end select
    end subroutine set_patience
@@ -276,17 +278,10 @@ contains
       call linearise()
    end subroutine weigh
 
-   !> Steps below which corrections find what the next step of Newton would: second orders of volume
-   !> come back as K times as large a pressure [-]
-   real(wp) function corrected()
-      corrected = merge(near_on_way, near, now%passes .and. self%hastens) &
-         & *min(1.0_wp, sqrt(firm/problem%scene%stiffest_ratio()))
-   end function corrected
-
    !> Correct a step by further ones with its factor, each of which takes a fifth of the time or
    !> less. What is left by the last one is as if a step of Newton of that size had left it.
    subroutine correct()
-      type(lstsq_report) :: report
+      type(square_report) :: report
       type(evaluation_type) :: seen
       type(error_type), allocatable :: failure
       real(wp) :: size_before, size_now
@@ -299,17 +294,17 @@ contains
          do k = 1, merge(1, most_corrections, now%passes)
             ! stiff motions need a second one
             if (k /= 2 .and. self%step_norm < merge(near, self%tolerance, now%passes)) exit
-            call matrix%solve_square(0.0_wp, -r, da, report%square_report, failure)
+            call matrix%solve_square(0.0_wp, -r, da, report, failure)
             if (allocated(failure)) exit
             trial = a + da
             call problem%evaluate(trial, load, new, seen)
             size_now = maxval(problem%scaled_norms(da)/now%extent)
-            if (.not. (seen%valid .and. size_now <= falls*size_before &
+            ! on the way what does not end it would spoil the pressures of the next tangent
+            if (.not. (seen%valid .and. size_now <= merge(near, falls*size_before, now%passes) &
                & .and. norm2(new) < norm2(r))) exit
             a = trial
             r = new
             self%state = seen
-            problem%corrected = .true.
             self%step_norm = merge(size_now, size_now/sqrt(size_before), now%passes)
             size_before = size_now
          end do
@@ -320,7 +315,6 @@ contains
    subroutine linearise()
       call system_clock(clock)
       call problem%evaluate(a, load, r, self%state, tangent=.true.)
-      problem%corrected = .false.
       timer%assemble = timer%assemble + tick(clock)
       now%linearised = .true.
    end subroutine linearise
@@ -362,7 +356,7 @@ contains
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
-      logical :: ahead, blind
+      logical :: ahead, blind, definite
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -372,14 +366,12 @@ contains
       moved = problem%scaled_norms(da)
       ! a step along a soft mode strains stiff ones, as bending stretches a column, and the next
       ! step corrects that: residuals need not fall from step to step
-      now%definite = problem%square .and. it%solver%used == 'cholesky'
+      definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
-      if (now%definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
+      if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
       ! of a state in the midst of the iteration the tangent is wanted next
-      ahead = problem%square .and. .not. problem%inexact .and. (self%iterations > 1 &
-         & .or. self%path%states() > 0)
-      if (ahead .and. self%iterations > 1) &
-         & ahead = any(moved >= max(corrected(), self%tolerance)*now%extent)
+      ahead = problem%square .and. .not. problem%inexact .and. any(moved >= max(now%reach, &
+         & self%tolerance)*now%extent) .and. (self%iterations > 1 .or. self%path%states() > 0)
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
          & imposed > 0.0_wp, ahead, trial, new, scale, gain, self%state)
       now%whole = scale >= 1.0_wp .and. imposed < slight
@@ -392,8 +384,9 @@ contains
          now%linearised = .not. problem%square .or. (ahead .and. scale >= 1.0_wp)
          a = trial
          r = new
-         if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, &
-            & now%definite)
+         if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
+         self%reuses = self%iterations == 1 .and. self%path%states() == 0 .and. definite &
+            & .and. .not. (problem%inexact .or. self%unstable)
          ! see whether a whole step would move
          if (now%left < nothing) now%damping%lambda = 0.0_wp
       else
@@ -411,8 +404,8 @@ contains
       self%step_norm = maxval(moved/now%extent)
       if (self%iterations == 1) now%first_step = self%step_norm
       now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
-      if (self%step_norm < corrected() .and. now%whole .and. now%definite &
-         & .and. self%iterations > 1 .and. .not. problem%inexact) call correct()
+      if (self%step_norm < now%reach .and. self%iterations > 1 .and. now%whole .and. definite &
+         & .and. .not. problem%inexact) call correct()
       timer%assemble = timer%assemble + tick(clock)
       it%step = step
       it%load = load
@@ -462,7 +455,6 @@ subroutine begin(self, problem, load, a, r, first_gradient)
    real(wp) :: g(size(a))
    logical :: found
 
-   problem%corrected = .false.
    if (.not. self%reuses) call problem%start(a, load, .false.)
    ! the start will have another matrix
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
@@ -528,8 +520,6 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
       & .or. self%state%max_j*squeezed > self%largest_j)) then
       call fatal_error(error, err_convergence, 'the first iterate is far from the solution' &
          & //reached)
-      self%reuses = now%definite .and. self%path%states() == 0 &
-         & .and. .not. (problem%inexact .or. self%unstable)
    else if (self%impatient .and. problem%square .and. self%iterations >= settled &
       & .and. merit > share*now%past(pace) .and. self%gradient > now%balance) then
       call fatal_error(error, err_convergence, 'too slow after '//to_text(self%iterations) &

@@ -61,8 +61,6 @@ module rk_problem
       logical :: square = .false.
       !> Steps are solved to few digits: the size of an evaluation says what they leave
       logical :: inexact = .false.
-      !> The state is beside the end of the last step of the linearisation, nearer to equilibrium
-      logical :: corrected = .false.
       !> Row weights are those of the state that `start` was called with last
       logical :: weighted = .false.
       !> The residuals are the derivative of an energy by the unknowns, so that modes reduce both

@@ -430,7 +430,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
       linear = at%pressure(:, g)
       if (self%matrix%pressures%carrying .and. .not. self%multiplier%free(g)) then
          linear = self%matrix%pressures%carried(:, g)
-      else if (allocated(self%base) .and. .not. (self%corrected .or. self%multiplier%free(g))) then
+      else if (allocated(self%base) .and. .not. self%multiplier%free(g)) then
          if (self%leaps) then
             linear = self%pressure%along_step(g, self%cells, self%bulk(g), self%base, self%base)
          else
