@@ -46,6 +46,8 @@ module rk_operator
    type, abstract, extends(row_operator) :: square_operator
       !> Another start is at hand: a matrix that is costly to solve need not be
       logical :: impatient = .false.
+      !> The matrix is that of the last solve, whose factor is there
+      logical :: again = .false.
    contains
       !> Solve (A + shift |D|) x = b with a diagonal D like that of A
       procedure(square_interface), deferred :: solve_square

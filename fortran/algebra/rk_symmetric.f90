@@ -416,10 +416,11 @@ subroutine solve_with(self, given, b, x, report, error)
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), r(:)
    real(wp) :: norm
-   logical :: symmetric, found
+   logical :: again, symmetric, found
 
    symmetric = .not. (self%indefinite .or. allocated(self%skew))
    found = .false.
+   again = self%again .and. .not. self%near%ready
    if (symmetric) call solve_near(self, given, b, x, report, found)
    if (found) return
    report%used = 'cholesky'
@@ -430,7 +431,10 @@ subroutine solve_with(self, given, b, x, report, error)
    else if (self%indefinite) then
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
-   if (symmetric) then
+   if (again) then
+      x = b
+      call self%kept%solve(x)
+   else if (symmetric) then
       call solve_sparse(self%n, self%start, self%rows(), given, .true., b, x, report%rcond, &
          & self%kept, error)
    end if

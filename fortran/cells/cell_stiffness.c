@@ -83,7 +83,11 @@ INLINE void add_pairs(const int fields, const int nd, const int kinds, const poi
    for (int l = 0; l < p->sources; l++) {
       contract(fields, nd, kinds, p, l);
       for (int k = 0; k <= l; k += WIDE * beside) {
-         four sum[2][9] = {{{0.0}}};
+         four sum[2][9];
+#pragma GCC unroll 2
+         for (int u = 0; u < beside; u++)
+#pragma GCC unroll 9
+            for (int x = 0; x < fields * fields; x++) sum[u][x] = (four){0.0};
          for (int q = 0; q < p->points; q++) {
             const double *from = p->s + (long)nd * q * p->padded + k;
             const double *with = p->right + (long)MODULI * q;

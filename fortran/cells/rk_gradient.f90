@@ -45,7 +45,7 @@ module rk_gradient
       !> np, factors), index (i, A) [-]
       real(wp), allocatable :: given(:, :, :, :)
       !> Points where any is, shape (np)
-      logical, allocatable, private :: lifts(:)
+      logical, allocatable :: lifts(:)
    contains
       procedure :: at => gradient_at
       !> Part of it that essential values make
@@ -409,7 +409,8 @@ pure subroutine gradient_at(self, q, x, factor, h)
    integer(i8) :: e
    integer :: i, k
 
-   h = self%lifted(q, factor)
+   h = 0.0_wp
+   if (self%lifts(q)) h = self%lifted(q, factor)
    if (self%fields == 3 .and. self%first(1, q) == self%first(self%fields, q)) then
       ! nearly all points of a solid
       call solid_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &

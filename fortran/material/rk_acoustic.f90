@@ -143,6 +143,21 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    real(wp) :: principal(3)
    integer :: i, trial
 
+   if (nd == 2) then
+      q(:2, :2) = n(1)**2*form(:2, :2, 1) + n(2)**2*form(:2, :2, 2) + n(1)*n(2)*form(:2, :2, 6)
+      across = m/sqrt(m(1)**2 + m(2)**2)
+      image(:2, 1) = q(:2, 2)*across(1) - q(:2, 1)*across(2)
+      smallest = image(2, 1)*across(1) - image(1, 1)*across(2)
+      if (rigid) return
+      a = smallest
+      b = image(1, 1)*across(1) + image(2, 1)*across(2)
+      stiff = dot_product(across(:2), q(:2, 1)*across(1) + q(:2, 2)*across(2))
+      if (.not. stiff - a > apart*abs(b)) smallest = lower(q(1, 1), q(1, 2), q(2, 2))
+      do trial = 1, merge(eliminations, 0, stiff - a > apart*abs(b))
+         smallest = a - b**2/(stiff - smallest)
+      end do
+      return
+   end if
    q = n(1)**2*form(:, :, 1) + n(2)**2*form(:, :, 2) + n(3)**2*form(:, :, 3) &
       & + n(2)*n(3)*form(:, :, 4) + n(1)*n(3)*form(:, :, 5) + n(1)*n(2)*form(:, :, 6)
    across = m/sqrt(dot_product(m, m))
@@ -151,31 +166,20 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    a = dot_product(side(:, 1), image(:, 1))
    b = dot_product(side(:, 1), image(:, 2))
    c = dot_product(side(:, 2), image(:, 2))
-   smallest = least_of(a, b, c)
+   smallest = lower(a, b, c)
    if (rigid) return
    ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
    stiff = dot_product(across, matmul(q, across))
    coupling = [(dot_product(across, image(:, i)), i=1, 2)]
    if (.not. stiff - smallest > apart*sqrt(dot_product(coupling, coupling))) then
       principal = principal_values(q)
-      smallest = merge(lower(q(1, 1), q(1, 2), q(2, 2)), principal(3), nd == 2)
+      smallest = principal(3)
       return
    end if
    do trial = 1, eliminations
       share = coupling/sqrt(stiff - smallest)
-      smallest = least_of(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
+      smallest = lower(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
    end do
-
-contains
-
-   !> Smaller eigenvalue of the motions that keep the volume, in the plane of the only one
-   pure real(wp) function least_of(a, b, c)
-      !> Entries 11, 12, 22
-      real(wp), intent(in) :: a, b, c
-
-      least_of = merge(a, lower(a, b, c), nd == 2)
-   end function least_of
-
 end function smallest
 
 !> Smaller eigenvalue of a symmetric 2x2 matrix

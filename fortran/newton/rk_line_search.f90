@@ -25,8 +25,8 @@ contains
 
 !> Halve a step until it is acceptable. Prescribed displacements jump in the first iteration of a
 !> load step, where a growing merit is no sign of divergence: that step is taken blindly.
-subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, trial, new, scale, &
-   & gain, state)
+subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, ahead, trial, new, &
+   & scale, gain, state)
    !> Problem, linearised at the trial afterwards unless it is square
    class(problem_type), target, intent(inout) :: problem
    !> Load [-]
@@ -43,6 +43,8 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, tria
    logical, intent(in) :: blind
    !> The merit must fall; otherwise it may grow a little, as Gauss-Newton's may on its way
    logical, intent(in) :: downhill
+   !> Linearise a square problem at the end of the whole step
+   logical, intent(in) :: ahead
    !> Unknowns reached, shape (n)
    real(wp), contiguous, intent(inout) :: trial(:)
    !> Their residuals, shape (m)
@@ -61,7 +63,8 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, tria
    scale = 1.0_wp
    do cut = 0, max_cuts
       trial = a + scale*da
-      call problem%evaluate(trial, load, new, state, tangent=.not. problem%square)
+      call problem%evaluate(trial, load, new, state, tangent=.not. problem%square &
+         & .or. (ahead .and. cut == 0))
       ! as a product of differences, which keeps its digits where the merit hardly changes
       gain = 0.5_wp*sum((r - new)*(r + new))
       if (blind) then

@@ -13,7 +13,7 @@ module rk_newton
    use rk_error, only : error_type, fatal_error, err_convergence, err_stopped
    use rk_line_search, only : search
    use rk_newton_step, only : find_step
-   use rk_operator, only : square_operator
+   use rk_operator, only : square_operator, square_report
    use rk_path, only : path_type
    use rk_precision, only : wp
    use rk_problem, only : problem_type, evaluation_type
@@ -32,8 +32,13 @@ module rk_newton
    !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
    !> that at which the load step starts; the largest may grow by the inverse [-]
    real(wp), parameter :: squeezed = 0.2_wp
-   !> Step, and residual of the first one, with which a state on the way is near enough [-]
+   !> Step, and residual of the first one, with which a state on the way is near enough; so small a
+   !> step leaves a tangent as it is, also in its stability [-]
    real(wp), parameter :: near = 1.0e-3_wp
+   !> Step on the way whose end a single correction may bring so near [-]
+   real(wp), parameter :: near_on_way = 0.05_wp
+   !> Bulk over shear modulus of which this holds; it falls with the root of stiffer ones [-]
+   real(wp), parameter :: firm = 1.0e3_wp
 
    !> Settings and outcome of the iteration, and what load steps hand to the next
    type :: newton_type
@@ -52,6 +57,8 @@ module rk_newton
       !> The load is on the way to the one that is asked for: nothing but the next start is taken
       !> from its state
       logical :: passes = .false.
+      !> A single correction may end a step on the way: the branch is not in danger
+      logical :: hastens = .false.
       !> Way through the last states
       type(path_type) :: path
       !> Iterations done
@@ -65,6 +72,8 @@ module rk_newton
       !> The last step of the last load step that converged had no Cholesky factor where one was
       !> tried: its equilibrium may be unstable
       logical :: unstable = .false.
+      !> A first iterate was found: a smaller load step from the same state has the same factor
+      logical :: reuses = .false.
       !> Volume ratios of the last state
       type(evaluation_type) :: state
       !> Smallest and largest volume ratio of the state at which the load step starts [-]
@@ -98,6 +107,9 @@ module rk_newton
       !> The state is one on the way, whose residual |r| needs to fall no farther than this
       logical :: passes = .false.
       real(wp) :: enough = 0.0_wp
+      !> Steps below which corrections find what the next step of Newton would: second orders of
+      !> volume come back as K times as large a pressure [-]
+      real(wp) :: reach = near
       !> Steps rejected in a row
       integer :: rejected = 0
       !> Times that row weights were taken in this load step, and from which state, shape (n)
@@ -118,6 +130,9 @@ module rk_newton
    real(wp), parameter :: slight = 1.0e-8_wp
    !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
    real(wp), parameter :: nothing = 1.0e-11_wp
+   !> Corrections of a step at most, and the size of each, of the one before, at most [-]
+   integer, parameter :: most_corrections = 3
+   real(wp), parameter :: falls = 0.1_wp
    !> Residual that a step solved to few digits may leave, in tolerances: it has the volume times K,
    !> and is K over the shear modulus larger than that of the equations that are solved [-]
    real(wp), parameter :: slack = 10.0_wp
@@ -201,6 +216,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
       end if
    end do
    x = a
+   self%reuses = .false.
    self%unstable = .false.
    if (allocated(it%solver%used)) self%unstable = it%solver%used == 'lu' .and. it%solver%indefinite
 
@@ -219,6 +235,8 @@ contains
       ! steps that are solved to few digits, or have row weights, need the full way
       now%passes = self%passes .and. problem%square .and. .not. problem%inexact
       now%enough = near*norm2(r)
+      now%reach = merge(near_on_way, near, now%passes .and. self%hastens) &
+         & *min(1.0_wp, sqrt(firm/problem%scene%stiffest_ratio()))
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
 
@@ -227,6 +245,8 @@ contains
       select type (matrix => problem%linearised)
       class is (square_operator)
          matrix%impatient = self%impatient .and. self%iterations == 0
+         matrix%again = self%reuses .and. self%iterations == 0
+         self%reuses = .false.
       end select
    end subroutine set_patience
 
@@ -257,6 +277,40 @@ contains
       call problem%start(a, load, .false.)
       call linearise()
    end subroutine weigh
+
+   !> Correct a step by further ones with its factor, each of which takes a fifth of the time or
+   !> less. What is left by the last one is as if a step of Newton of that size had left it.
+   subroutine correct()
+      type(square_report) :: report
+      type(evaluation_type) :: seen
+      type(error_type), allocatable :: failure
+      real(wp) :: size_before, size_now
+      integer :: k
+
+      select type (matrix => problem%linearised)
+      class is (square_operator)
+         size_before = self%step_norm
+         matrix%again = .true.
+         do k = 1, merge(1, most_corrections, now%passes)
+            ! stiff motions need a second one
+            if (k /= 2 .and. self%step_norm < merge(near, self%tolerance, now%passes)) exit
+            call matrix%solve_square(0.0_wp, -r, da, report, failure)
+            if (allocated(failure)) exit
+            trial = a + da
+            call problem%evaluate(trial, load, new, seen)
+            size_now = maxval(problem%scaled_norms(da)/now%extent)
+            ! on the way what does not end it would spoil the pressures of the next tangent
+            if (.not. (seen%valid .and. size_now <= merge(near, falls*size_before, now%passes) &
+               & .and. norm2(new) < norm2(r))) exit
+            a = trial
+            r = new
+            self%state = seen
+            self%step_norm = merge(size_now, size_now/sqrt(size_before), now%passes)
+            size_before = size_now
+         end do
+         matrix%again = .false.
+      end select
+   end subroutine correct
 
    subroutine linearise()
       call system_clock(clock)
@@ -302,7 +356,7 @@ contains
    !> Search along the step, take what it finds and learn from it
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
-      logical :: blind, definite
+      logical :: ahead, blind, definite
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
@@ -315,8 +369,11 @@ contains
       definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
       if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
+      ! of a state in the midst of the iteration the tangent is wanted next
+      ahead = problem%square .and. .not. problem%inexact .and. any(moved >= max(now%reach, &
+         & self%tolerance)*now%extent) .and. (self%iterations > 1 .or. self%path%states() > 0)
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
-         & imposed > 0.0_wp, trial, new, scale, gain, self%state)
+         & imposed > 0.0_wp, ahead, trial, new, scale, gain, self%state)
       now%whole = scale >= 1.0_wp .and. imposed < slight
       taken = scale*da
       if (blind .or. .not. scale > 0.0_wp) then
@@ -324,10 +381,12 @@ contains
       end if
       if (scale > 0.0_wp) then
          now%rejected = 0
-         now%linearised = .not. problem%square
+         now%linearised = .not. problem%square .or. (ahead .and. scale >= 1.0_wp)
          a = trial
          r = new
          if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
+         self%reuses = self%iterations == 1 .and. self%path%states() == 0 .and. definite &
+            & .and. .not. (problem%inexact .or. self%unstable)
          ! see whether a whole step would move
          if (now%left < nothing) now%damping%lambda = 0.0_wp
       else
@@ -336,7 +395,6 @@ contains
          call now%damping%reject()
          call problem%evaluate(a, load, r, self%state, tangent=.true.)
       end if
-      timer%assemble = timer%assemble + tick(clock)
       if (self%iterations == 1) then
          now%extent = problem%scaled_norms(a)
          ! a pressure may be none; then strain times the shear modulus is what it is small against
@@ -346,6 +404,9 @@ contains
       self%step_norm = maxval(moved/now%extent)
       if (self%iterations == 1) now%first_step = self%step_norm
       now%still = scale > 0.0_wp .and. problem%extent > 0.0_wp .and. all(moved <= rounding)
+      if (self%step_norm < now%reach .and. self%iterations > 1 .and. now%whole .and. definite &
+         & .and. .not. problem%inexact) call correct()
+      timer%assemble = timer%assemble + tick(clock)
       it%step = step
       it%load = load
       it%iteration = self%iterations
@@ -394,10 +455,10 @@ subroutine begin(self, problem, load, a, r, first_gradient)
    real(wp) :: g(size(a))
    logical :: found
 
-   call problem%start(a, load, .false.)
+   if (.not. self%reuses) call problem%start(a, load, .false.)
    ! the start will have another matrix
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
-      & tangent=.not. (problem%square .and. self%path%states() > 0))
+      & tangent=.not. (problem%square .and. (self%reuses .or. self%path%states() > 0)))
    self%least_j = self%state%min_j
    self%largest_j = self%state%max_j
    call problem%start(a, load, .true.)

@@ -132,6 +132,7 @@ contains
          & .and. .not. (newton%unstable .and. halvings >= early)
       newton%settles = .false.
       newton%passes = load < target_load
+      newton%hastens = halvings < early
       if (step > 0 .and. load >= target_load) newton%settles = step == record%steps &
          & .or. planned%knot(step)
    end subroutine choose_load
@@ -226,6 +227,7 @@ contains
          call recorder%note('no equilibrium at the beginning of the programme from the given ' &
             & //'start: '//error%message//'; it is approached from rest instead', warning=.false.)
          deallocate (error)
+         newton%reuses = .false.
          return
       end if
       aside = .false.

@@ -108,6 +108,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    !> nothing is solved where that run ended early
    type(start_type), intent(in), optional :: start
    type(watcher_type) :: watcher
+   real(wp), allocatable :: rest(:)
    integer(i8) :: clock
    integer :: k
    logical :: loaded
@@ -119,10 +120,10 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    watcher%receiver => recorder
    watcher%outcome => outcome
    if (.not. problem%linear) then
-      call problem%state(spread(0.0_wp, 1, problem%n), 0.0_wp, outcome%last)
+      rest = spread(0.0_wp, 1, problem%n)
       loaded = problem%scene%programme%begins_loaded()
       ! where the programme begins loaded its first state is found yet
-      if (.not. loaded) call recorder%step(step_type(load=0.0_wp), outcome%last%x)
+      if (.not. loaded) call recorder%step(step_type(load=0.0_wp), rest)
       if (present(start)) then
          if (allocated(start%iteration)) then
             do k = 1, size(start%iteration)
@@ -142,6 +143,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
       & outcome%timer, error, start)
    call system_clock(clock)
    if (.not. problem%linear) then
+      if (.not. allocated(outcome%last%x)) call problem%state(rest, 0.0_wp, outcome%last)
       if (.not. allocated(error)) call check_response(problem, outcome%last, error)
       call find_imbalance(problem, outcome)
       ! loads that vary from point to point are not those of the conditions on sets
@@ -339,11 +341,11 @@ subroutine find_imbalance(problem, outcome)
    if (.not. allocated(outcome%load)) return
    ! keep one copy
    if (allocated(outcome%last%place)) deallocate (outcome%last%place)
-   outcome%unstrained = .true.
-   do k = 1, size(outcome%load)
+   outcome%unstrained = problem%unstrained(outcome%last)
+   do k = 1, size(outcome%load) - 1
+      if (.not. outcome%unstrained) exit
       call problem%state(outcome%x(:, k), outcome%load(k), state)
       outcome%unstrained = problem%unstrained(state)
-      if (.not. outcome%unstrained) exit
    end do
    k = judged_state(problem, outcome%x)
    if (k < size(outcome%load)) call problem%state(outcome%x(:, k), outcome%load(k), outcome%peak)

@@ -400,7 +400,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
 
    formed = tangent .and. self%matrix%formed
    ! what the volume of the group changes by is wanted as rows
-   jumps = size(change) > 0
+   jumps = size(change) > 0 .and. any(self%gradient%lifts(self%cells%first(g) + 1: &
+      & self%cells%first(g + 1)))
    stacked = formed .or. jumps
    fields = self%fields
    nd = self%gradient%nd
