@@ -80,8 +80,9 @@ def test_as_many_modes_as_snapshots_give_the_full_solution(full):
     errors = reduced_errors(scene, states, modes, "dgels" if squares else "")
     assert np.max(errors) < (1e-6 if squares else 1e-7)
     if not squares:
-        # the tangent is the full one, and no error leaves the span of the modes
-        assert (scene.states.iterations <= states.iterations).all()
+        # the tangent is the full one, and no error leaves the span of the modes; the full one ends
+        # with corrections by its factor
+        assert (scene.states.iterations <= states.iterations + 1).all()
 
 
 @in_forms("collocation", *WEAK)
