@@ -264,6 +264,7 @@ contains
 
       unstable = newton%unstable
       newton%passes = .false.
+      newton%reuses = .false.
       newton%done = done
       call solve_step(newton, problem, step, done, x, recorder, timer, failure)
       newton%unstable = unstable

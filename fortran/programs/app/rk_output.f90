@@ -175,7 +175,8 @@ subroutine iteration(self, it)
    self%last = it
    self%backward_error = max(self%backward_error, it%solver%backward_error)
    self%misfit = max(self%misfit, it%solver%misfit)
-   self%rcond = min(self%rcond, it%solver%rcond)
+   ! a factor that is used again has none of its own
+   if (it%solver%rcond > 0.0_wp) self%rcond = min(self%rcond, it%solver%rcond)
    write (line, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
       & it%step_norm, it%min_j, it%max_j, it%solver%backward_error, it%solver%used, it%seconds

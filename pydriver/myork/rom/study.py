@@ -44,7 +44,7 @@ def run_rom(
     - raises ConvergenceError: the full or a reduced model did not converge
     """
     out = Path(out)
-    overrides = _with_steps(deck, overrides, progress)
+    asked, overrides = list(overrides), _with_steps(deck, overrides, progress)
     with renewing(out, "rom"), _open(deck, overrides, out, threads) as scene:
         _check_modes(scene)
         progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
@@ -58,7 +58,7 @@ def run_rom(
         if "converged" not in read_summary(out):
             # no solve has said what was asked
             tables = {key: table for key, table in scene.deck.items() if key not in NOT_TABLES}
-            named |= {"deck": tables, "dimension": scene.dimension}
+            named |= {"deck": tables, "dimension": scene.dimension, "overrides": asked}
         update_summary(out, named)
     return study
 

@@ -65,6 +65,7 @@ def station(command: str, *parts: str) -> Callable[[Work], Station]:
                 summary = {
                     "title": values["title"],
                     "deck_sha256": values["sha256"],
+                    "overrides": list(overrides),
                     "version": myork.__version__,
                     "units": dict(values["result_units"]),
                     **found,
