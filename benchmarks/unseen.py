@@ -29,7 +29,7 @@ from myork.console import ProgressCallback
 from myork.files import write_text
 from myork.types import F64
 
-NUMBERS = range(362)
+NUMBERS = range(402)
 #: First number not used for tuning
 _HELD_OUT = 140
 #: CPU time of a search, and wall time of a solve [s]
