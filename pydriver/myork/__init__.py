@@ -8,9 +8,11 @@ import importlib
 import os
 from typing import Any
 
-# libgomp reads this once, when the core is loaded: waiting threads that sleep instead of spinning
-# keep threaded BLAS usable on a machine shared with others.
-os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+# libgomp reads these once, when the core is loaded: waiting threads that soon sleep instead of
+# spinning keep threaded BLAS usable on a machine shared with others.
+if "OMP_WAIT_POLICY" not in os.environ:
+    os.environ["OMP_WAIT_POLICY"] = "passive"
+    os.environ.setdefault("GOMP_SPINCOUNT", "1000")
 
 _HOME = {
     "Console": "console",
