@@ -287,7 +287,7 @@ def solve_over(text: str, inputs: Path, folder: Path) -> tuple[dict[str, Any], s
 @pytest.mark.parametrize("ascii", [True, False])
 @pytest.mark.parametrize("indent", [1, 2])
 def test_the_executable_keeps_earlier_stations(inputs, tmp_path, ascii, indent):
-    """Those that hold whatever is solved; what told of another solution goes."""
+    """Those that hold whatever is solved; what describes another solution goes."""
     stale = {"rom": {"models": []}, "exact": {}, "errors": {"L2": 1}, "message": "did not converge"}
     found = {"title": "before", **EARLIER, **stale, "steps": []}
     text = json.dumps(found, ensure_ascii=ascii, indent=indent)

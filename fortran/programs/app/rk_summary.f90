@@ -141,7 +141,7 @@ end subroutine write_sets
 !> Give the summary of a finished solution another name, under which it stays until a later run has
 !> finished: nobody shall take it for that of the run that was asked now
 subroutine set_aside(folder, earlier, error)
-   !> Folder, claimed by this process
+   !> Folder, locked by this process
    character(len=*), intent(in) :: folder
    !> Entries of the summary in it
    type(json_entry), intent(in) :: earlier(:)
@@ -164,7 +164,7 @@ end subroutine set_aside
 
 !> Write a summary that says why a run has no solution
 subroutine write_refusal(folder, reason, earlier, error)
-   !> Folder, claimed by this process
+   !> Folder, locked by this process
    character(len=*), intent(in) :: folder
    !> Why there is no solution
    character(len=*), intent(in) :: reason
