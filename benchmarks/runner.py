@@ -442,7 +442,10 @@ def main(*words: str) -> None:
         same = {_key(row) for row in rows}
         earlier = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
         rows = [*(row for row in earlier if _key(row) not in same), *rows]
-        lines = ",\n".join(json.dumps(row) for row in rows)
+        lines = ",\n".join(
+            ", ".join(json.dumps(row) for row in rows if row["problem"] == problem)
+            for problem in dict.fromkeys(row["problem"] for row in rows)
+        )
         write_text(file, f"[\n{lines}\n]\n")
         print(f"{options.out / name}.md, {file}")
 
