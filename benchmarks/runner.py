@@ -74,19 +74,16 @@ OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "across": ("across",),
-    "damage": ("damage",),
     "forms": ("mixed", "solvers"),
     "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
     "scaling": ("scaling",),
     "searched": ("searched",),
-    "shading_fields": ("shading_fields", "shading_doubts"),
     "sizes": ("sizes",),
     "tissues": ("tissues",),
     "trained": ("trained",),
     "forecasts": ("forecasts",),
-    "walks": ("walks",),
 }
 #: Modules of tables with a page of results of their own, with its title; the rest is of images
 PAGES = {
