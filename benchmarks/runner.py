@@ -74,24 +74,18 @@ OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "across": ("across",),
-    "damage": ("damage",),
-    "forms": ("mixed", "solvers"),
-    "large_leg": ("large_leg",),
     "real_anatomy": ("real_anatomy",),
     "real_images": ("real_images", "real_muscles"),
     "scaling": ("scaling",),
     "searched": ("searched",),
-    "shading_fields": ("shading_fields", "shading_doubts"),
     "sizes": ("sizes",),
+    "solvers": ("solvers",),
     "tissues": ("tissues",),
     "trained": ("trained",),
-    "forecasts": ("forecasts",),
-    "walks": ("walks",),
 }
 #: Modules of tables with a page of results of their own, with its title; the rest is of images
 PAGES = {
     "across": "Errors by the number of points",
-    "forms": "Settings of the forms",
     "images": "Images",
     "scaling": "Threads",
     "searched": "Searches and evenly spaced points",
@@ -363,8 +357,7 @@ def _finite_elements(
         )
     except ConvergenceError as error:
         return {"probes": {}, "dofs": None, "cpu_s": None, "outcome": str(error)}
-    probes = {name: values[-1] for name, values in rival["probes"].items()}
-    return {**rival, "probes": probes, "outcome": "converged"}
+    return {**rival, "outcome": "converged"}
 
 
 def _limits(found: Sequence[Mapping[str, float]]) -> dict[str, Truth]:

@@ -318,10 +318,7 @@ def _even_stresses(problem: Problem) -> dict[str, list[float]]:
     tables = read_deck(dict(problem.tables))
     found = [solve_deck(tables, (n, n, n))["probes"] for n in _EVEN]
     names = [name for name in found[-1] if name.startswith("s_")]
-    return {
-        name: [float(found[-1][name][-1]), float(abs(found[-1][name][-1] - found[-2][name][-1]))]
-        for name in names
-    }
+    return {name: [found[-1][name], abs(found[-1][name] - found[-2][name])] for name in names}
 
 
 def _finer_ends(size: F64, share: float, nodes: F64) -> F64:

@@ -207,10 +207,9 @@ def _limits(body: _Body) -> dict[str, Any]:
         count = [n * len(own) for own in body.second]
         if len(count) == 2:
             count[0] *= max(1, round(body.lines[0][-1]))
-        found_here = solve_deck(
-            found, count, labels=body.label, warp=body.warp, symmetric=len(count) == 3
-        )
-        ends.append({name: values[-1] for name, values in found_here["probes"].items()})
+        solid = len(count) == 3
+        solved = solve_deck(found, count, labels=body.label, warp=body.warp, symmetric=solid)
+        ends.append(solved["probes"])
     doubt = {name: abs(value - ends[0][name]) for name, value in ends[1].items()}
     most = {name: max(abs(v) for k, v in ends[1].items() if k[0] == name[0]) for name in doubt}
     return {

@@ -220,8 +220,8 @@ def _limits(number: int) -> dict[str, Any]:
         )
     except ConvergenceError:
         return {}
-    changes = {name: 0.5 * (fine[name][-1] - coarse[name][-1]) for name in fine}
-    return {name: [fine[name][-1] + half, abs(half)] for name, half in changes.items()}
+    changes = {name: 0.5 * (fine[name] - coarse[name]) for name in fine}
+    return {name: [fine[name] + half, abs(half)] for name, half in changes.items()}
 
 
 def wanted(numbers: range) -> list[Wanted]:

@@ -60,7 +60,7 @@ def blurred(random: np.random.Generator, shape: tuple[int, int], width: float) -
     return noise / noise.std()
 
 
-def section(part: str, number: int, noise: float = 1.0, shade: float = 0.12) -> Section:
+def section(part: str, number: int) -> Section:
     """Draw a section and its images: any sequence, field, amount of fat, noise and shading."""
     random = np.random.default_rng([list(PARTS).index(part), number])
     (a, b), fat_depth, septum, streaks, count, bones = PARTS[part]
@@ -131,8 +131,8 @@ def section(part: str, number: int, noise: float = 1.0, shade: float = 0.12) -> 
     label = np.array(list(share_of))[np.argmax(list(share_of.values()), axis=0)]
     u, v = x / (size * a), y / (size * b)
     waves = (np.sin(f * w + random.uniform(0, 6.3)) for w in (u, v, u + v) for f in (1.2, 2.4))
-    factor = np.exp(coarse(sum(shade * random.uniform(-1, 1) * wave for wave in waves)))
-    sigma = noise * max(muscle, 0.3 if kind != "fat suppressed" else 1.0) / random.uniform(10, 40)
+    factor = np.exp(coarse(sum(0.12 * random.uniform(-1, 1) * wave for wave in waves)))
+    sigma = max(muscle, 0.3 if kind != "fat suppressed" else 1.0) / random.uniform(10, 40)
 
     def noisy(signal: F64) -> Image:
         return Image(400 * rician(signal * factor, sigma, random), affine, "image")

@@ -39,7 +39,6 @@ def solve_deck(
     deck: Mapping[str, Any],
     elements: Sequence[int],
     *,
-    loads: Sequence[float] = (1.0,),
     labels: Labels | None = None,
     warp: Warp | None = None,
     symmetric: bool = False,
@@ -50,14 +49,12 @@ def solve_deck(
       an annulus whose probes lie on corners of elements
     - `elements`: elements along each edge of a box, radial and angular of an annulus, shape
       `(dim,)`
-    - `loads`: rising shares of the full load after which probes are read; a step that fails is
-      halved
     - `labels`: which material lies where; the deck's first one everywhere otherwise. Elements must
       not straddle materials; those with label zero are left out.
     - `warp`: moves the nodes of a box to their places in a body of another shape; probes lie there
     - `symmetric`: order the unknowns for symmetric matrices, whose factors in space are several
       times smaller than those of felupe's own solver
-    - returns `probes` (by name their values at these loads), `dofs` and `cpu_s`
+    - returns `probes` (by name their values at the full load), `dofs` and `cpu_s`
     - raises InputError: the deck has something that is not supported here
     - raises ConvergenceError: a load step failed although it was halved
     - raises InstallationError: felupe is missing
@@ -66,41 +63,12 @@ def solve_deck(
     body = _Body(deck, elements, labels, warp)
     if symmetric:
         body.solver = {"solver": _solve_symmetric}
-    values: dict[str, list[float]] = {probe["name"]: [] for probe in deck["probe"]}
-    reached = 0.0
-    for load in loads:
-        body.advance(reached, load)
-        reached = load
-        for probe in deck["probe"]:
-            values[probe["name"]].append(body.probe(probe))
+    body.advance()
     return {
-        "probes": values,
+        "probes": {probe["name"]: body.probe(probe) for probe in deck["probe"]},
         "dofs": int(sum(part.values.size for part in body.field.fields)),
         "cpu_s": time.process_time() - started,
     }
-
-
-def solve_half_block(
-    deck: Mapping[str, Any], elements: Sequence[int], loads: Sequence[float] = (1.0,)
-) -> dict[str, Any]:
-    """Solve the half of a box below its plane of symmetry across y; as `solve_deck`.
-
-    - `deck`: all tables of the deck of the whole box, whose probes lie in the half
-    - `elements`: elements of the half
-    - `loads`: shares of the full load
-    """
-    length, width, height = deck["geometry"]["size"]
-    half = {
-        **deck,
-        "geometry": {**deck["geometry"], "size": [length, 0.5 * width, height]},
-        "boundary": [*deck["boundary"], {"set": "y1", "u_y": 0.0}],
-    }
-    found = solve_deck(half, elements, loads=loads)
-    for probe in deck["probe"]:
-        if probe["quantity"].startswith("force"):
-            values = found["probes"][probe["name"]]
-            found["probes"][probe["name"]] = [2.0 * value for value in values]
-    return found
 
 
 def _solve_symmetric(matrix: Any, side: F64) -> F64:
@@ -257,11 +225,11 @@ class _Body:
             area *= np.linalg.norm(normal, axis=1)
         return area
 
-    def advance(self, start: float, end: float) -> None:
-        """Iterate from one load to another."""
-        step, reached = end - start, start
-        while reached < end * (1.0 - 1e-12):
-            at = min(end, reached + step)
+    def advance(self) -> None:
+        """Iterate to the full load; a step that fails is halved."""
+        step, reached = 1.0, 0.0
+        while reached < 1.0 - 1e-12:
+            at = min(1.0, reached + step)
             kept = [part.values.copy() for part in self.field.fields]
             try:
                 self._solve(at)
@@ -270,7 +238,7 @@ class _Body:
                 for part, values in zip(self.field.fields, kept, strict=True):
                     part.values[:] = values
                 step *= 0.5
-                if step < (end - start) * 0.5**_HALVINGS:
+                if step < 0.5**_HALVINGS:
                     raise ConvergenceError(
                         f"finite elements: no convergence beyond load {reached:.4g}"
                     ) from None

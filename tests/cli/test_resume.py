@@ -16,17 +16,17 @@ from myork.cli import main
 from myork.errors import FileError
 from myork.stations.solve import run_deck
 from myork.summary import read_summary
-from tests.scenes import box, held, refuses, scene, start, stop_behind
+from tests.scenes import box, held, neo, probes, refuses, scene, start, stop_behind
 
 MUSCLE = scene(
     "rkpm-gauss", box(5, 5, 7, size=[1, 1, 2], places=(7, 7, 9)),
     material=[{"name": "muscle", "model": "muscle", "A10": 10, "K": 1000, "fiber_angle": 30}],
     boundary=[held("z0"), held("z1", u_z=0.2)], load={"steps": 8, "activation": 0.3},
-    probe=[{"name": "force", "quantity": "force", "set": "z1"}],
+    probe=probes("force force z1"),
 )  # fmt: skip
 RUBBER = MUSCLE | {
     "geometry": box(4, 4, 4, places=(6, 6, 6)),
-    "material": [{"name": "rubber", "model": "neo-hookean", "mu": 10, "K": 500}],
+    "material": [neo(10, 500)],
     "boundary": [held("z0"), held("z1", u_x=0.3, u_z=0.3)],
     "load": {"steps": 6},
 }

@@ -25,7 +25,7 @@ from myork.report import make_report
 from myork.stations.build import build
 from myork.stations.solve import pcsa_force
 from tests.images import affine_of, angle, built, centred, phantom_dwi, save
-from tests.scenes import held, refuses, scene
+from tests.scenes import held, neo, probes, refuses, scene
 
 #: Voxels of thick slices [mm]
 SLICES = (1.5, 1.5, 5.0)
@@ -308,10 +308,9 @@ def test_prism_of_a_slice_lies_about_it():
 
 def test_a_label_without_a_name_has_that_of_its_material(tmp_path):
     write_labels(tmp_path / "l.nii.gz", Labels(halves(6, 6, 4), np.eye(4), {1: "soleus"}))
-    rubber = {"model": "neo-hookean", "mu": 1, "K": 100}
     deck = scene(
         "auto", {"kind": "model"}, build={"labels": tmp_path / "l.nii.gz"},
-        material=[{"name": "a", "label": 1, **rubber}, {"name": "fat", "label": 2, **rubber}],
+        material=[neo(1, 100, name, label=k) for k, name in ((1, "a"), (2, "fat"))],
         boundary=[held("bottom")],
     )  # fmt: skip
     found = build(deck, tmp_path / "out")["model"]
@@ -457,10 +456,7 @@ def solved(force, area=4.0, **changes):
         "deck": {
             "geometry": {"kind": "model"},
             "material": [{"name": "m", "model": "muscle", "sigma_max": 30.0}],
-            "probe": [
-                {"name": "pull", "quantity": "force", "set": "top"},
-                {"name": "stress", "quantity": "cauchy_zz", "point": [0, 0, 0]},
-            ],
+            "probe": probes("pull force top", "stress cauchy_zz 0 0 0"),
         },
         "model": {"muscles": [{"muscle": "m", "PCSA [cm^2]": area}]},
         "steps": [{"activation": 0.5, "probes": {"pull": force, "stress": 1e4}}],

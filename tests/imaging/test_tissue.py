@@ -26,7 +26,7 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.summary import read_summary
 from tests.images import affine_of, centred, save
-from tests.scenes import refuses, scene
+from tests.scenes import neo, probes, refuses, scene
 
 LEAST = 0.8e-3  # of the mean diffusivity of muscle
 
@@ -497,17 +497,15 @@ def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
     tables = scene(
         "auto", {"kind": "model"}, image={**image, "split": "walk", "partial": True},
         bias={"method": "none"},
-        material=[
-            {"name": name, "model": "neo-hookean", "mu": mu, "K": 1e3 * mu, "label": number}
-            for number, (name, mu) in enumerate(moduli.items(), 1)
-        ],
+        material=[neo(mu, 1e3 * mu, name, label=number)
+                  for number, (name, mu) in enumerate(moduli.items(), 1)],
         boundary=[
             {"set": "bottom", "u_z": 0}, {"set": "top", "u_z": 2.4e-4},
             {"set": "left", "u_x": 0}, {"set": "front", "u_y": 0},
         ],
         set=[{"name": name, "side": "surface", "where": f"n{axis} < -0.9"}
              for name, axis in (("left", "x"), ("front", "y"))],
-        probe=[{"name": "F", "quantity": "force_z", "set": "top"}],
+        probe=probes("F force_z top"),
     )  # fmt: skip
     deck, out = tmp_path / "bar.toml", tmp_path / "out"
     deck.write_text(text_of_tables(tables))

@@ -12,7 +12,7 @@ from benchmarks.truths import bodies
 from myork import Scene
 from myork.errors import ConvergenceError
 from myork.records import PointCloud
-from tests.scenes import box, held, probes, refused, refuses, scene, solved
+from tests.scenes import box, held, neo, probes, refused, refuses, scene, solved
 
 TABLES = scene(
     "rkcm", box(3, 3, 4, size=[1, 1, 2], places=(4, 4, 6)),
@@ -121,8 +121,7 @@ def test_every_load_is_met_exactly_also_after_halvings():
 @pytest.mark.parametrize("method", METHODS)
 def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
     """The same bits whatever was asked or solved before, and those of a scene of its own."""
-    probe = {"name": "stress", "quantity": "cauchy_zz", "point": [0.4, 0.5, 1.2]}
-    tables = {**TABLES, "probe": [*TABLES["probe"], probe]}
+    tables = {**TABLES, "probe": [*TABLES["probe"], *probes("stress cauchy_zz 0.4 0.5 1.2")]}
     override = f'scene.method="{method}"'
     opened = open_scene(tables, override)
     states = opened.solve()
@@ -152,7 +151,7 @@ PULLED = scene(
     ],
     amplitude=[{"name": "pull", "time": [0, 0.5, 1], "value": [0, 1, 1]}],
     load={"steps": 2, "activation": 0.1},
-    probe=[{"name": "force", "quantity": "force_z", "set": "z1"}],
+    probe=probes("force force_z z1"),
 )  # fmt: skip
 
 
@@ -327,8 +326,7 @@ def plate(boundary: list[dict[str, Any]], **other: Any) -> dict[str, Any]:
     """Tables of a small plate, of one compressible rubber, with a probe at its middle."""
     return scene(
         "rkpm-gauss", box(6, 6), boundary=boundary, title="plate",
-        material=[{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 10.0}],
-        probe=probes("middle u 0.5 0.5"),
+        material=[neo(1.0, 10.0)], probe=probes("middle u 0.5 0.5"),
     ) | other  # fmt: skip
 
 

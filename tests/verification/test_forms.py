@@ -414,11 +414,9 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_th
 
 def test_large_bulk_moduli_above_the_limit():
     """A bent plane cantilever; pressures see what steps of the usual tolerance leave of volumes."""
-    tables = scene(
-        "rkpm-gauss", box(17, 9, size=[2, 1]), load={"steps": 1},
-        material=[{"name": "m", "model": "neo-hookean", "mu": 1, "K": 1e6}],
-        boundary=[{"set": "x0", "u_x": 0, "u_y": 0}, {"set": "x1", "traction": [0, 0.02]}],
-        probe=[{"name": "s", "quantity": "cauchy_xx", "point": [0.3, 0.9]}],
+    tables = scenes.loaded(
+        "rkpm-gauss", box(17, 9, size=[2, 1]), scenes.neo(1, 1e6), "x0 x1",
+        {"traction": [0, 0.02]}, "s cauchy_xx 0.3 0.9", load={"steps": 1},
     )  # fmt: skip
     found = [solved(tables, f"galerkin.direct_limit={n}").last()["s"] for n in (50000, 0)]
     assert found[1] == pytest.approx(found[0], rel=1e-5)

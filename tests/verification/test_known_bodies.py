@@ -74,7 +74,7 @@ def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
     cloud = body_cloud(body, body.sizes[0])
     case = solve_case(dict(body.tables), (), cloud=cloud, limit=120)
     assert case["outcome"] == "converged" and case["method"] == "rkpm-gauss"
-    off = [abs(case["probes"][name] / value - 1) for name, (*_, value) in rival["probes"].items()]
+    off = [abs(case["probes"][name] / value - 1) for name, value in rival["probes"].items()]
     assert max(off) < 0.05 or case["verdict"]["state"] == "doubtful", off
     kind = body.name.split()[0]
     if kind == "three":

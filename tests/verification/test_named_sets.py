@@ -81,11 +81,10 @@ def sliding(left: str, low: str) -> dict[str, Any]:
 
 def ring(end: str, _: str) -> dict[str, Any]:
     """A quarter ring that is held at an end and pulled at its outer wall."""
-    body = {"kind": "annulus", "inner_radius": 1, "outer_radius": 1.6, "source": [5, 9]}
-    return scene(
-        "rkpm-gauss", body, material=[neo(10, 200)], approximation={"order": 2},
-        boundary=[held(end, 2), {"set": "outer", "traction": [0.3, 0.1]}],
-        galerkin={"essential": "transformation"}, probe=probes("u u_x 1.1 0.7"),
+    body, end = scenes.annulus(5, 9, radii=(1, 1.6), places=False), f"{end} outer"
+    return scenes.loaded(
+        "rkpm-gauss", body, neo(10, 200), end, {"traction": [0.3, 0.1]}, "u u_x 1.1 0.7",
+        approximation={"order": 2}, galerkin={"essential": "transformation"},
     )  # fmt: skip
 
 

@@ -81,12 +81,10 @@ def test_a_load_that_no_state_carries_costs_few_iterations() -> None:
 
     Halved steps that fail are given up early, like the first; with 25 iterations each it took 132.
     """
-    ring = {"kind": "annulus", "inner_radius": 6, "outer_radius": 7, "source": [5, 13]}
-    tables = {
-        "scene": {"dimension": 2}, "geometry": ring, "material": [neo(2.0, 50.0)],
-        "boundary": [{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0},
-                     {"set": "inner", "pressure": 0.4512}],
-    }  # fmt: skip
+    tables = scene(
+        "auto", scenes.annulus(5, 13, radii=(6, 7), places=False), material=[neo(2.0, 50.0)],
+        boundary=[*scenes.PLANES[:2], {"set": "inner", "pressure": 0.4512}],
+    )  # fmt: skip
     with Scene.from_tables(tables) as body:
         with pytest.raises(ConvergenceError, match="did not converge at load 0.6") as caught:
             body.solve(error=False)

@@ -1,4 +1,4 @@
-"""Probes of sets and sections, expressions of fields, and their units.
+"""Probes of sets and sections, and their units.
 
 A block is held at one end, and its other end is moved: every section carries the force of the
 ends, and the moments of both ends about one point balance.

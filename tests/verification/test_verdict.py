@@ -183,11 +183,9 @@ def test_a_bar_does_not_depend_on_other_probes() -> None:
 @pytest.mark.parametrize("bulk", [1.0, 5.0, 15.0])
 def test_foam_that_is_pressed_between_rollers_stays_elliptic(bulk: float) -> None:
     """Neo-Hookean foam is polyconvex: it cannot lose its ellipticity, and its state is exact."""
-    rollers = [{"set": name, f"u_{name[0]}": 0} for name in ("x0", "x1", "y0", "y1", "z0")]
     tables = scene(
-        "rkpm-scni", box(4, 4, 4), boundary=[*rollers, {"set": "z1", "u_z": -0.7}],
-        material=[{"name": "foam", "model": "neo-hookean", "mu": 3.0, "K": bulk}],
-        probe=[{"name": "force", "quantity": "force_z", "set": "z1"}],
+        "rkpm-scni", box(4, 4, 4), material=[neo(3.0, bulk)], probe=probes("force force_z z1"),
+        boundary=[*scenes.slip("xy"), {"set": "z0", "u_z": 0}, {"set": "z1", "u_z": -0.7}],
     )  # fmt: skip
     states, found = solved(tables)
     assert states.verdict == "accepted" and not states.warnings
@@ -209,14 +207,12 @@ def test_a_block_between_rollers_is_stable_up_to_the_stretch_of_biot(points, pre
     doi:10.1007/BF03184638); in space four quadratic finite elements an edge have a negative
     eigenvalue from .525 on. Pressures of groups alone have some at .6 in the plane, at .7 in space.
     """
-    nd = len(points)
+    nd, last = len(points), "xyz"[len(points) - 1]
     tables = scene(
         "rkpm-gauss", box(*points), material=[neo(1.0, 33.0)],
-        boundary=[*({"set": f"{a}0", f"u_{a}": 0} for a in "xyz"[:nd]),
-                  {"set": f"{'xyz'[nd - 1]}1", f"u_{'xyz'[nd - 1]}": -pressed}],
-        probe=[{"name": "bulge", "quantity": "u_x", "point": [1.0] + [0.5] * (nd - 1)}],
+        boundary=[*scenes.PLANES[:nd], {"set": f"{last}1", f"u_{last}": -pressed}],
+        probe=probes("bulge u_x 1" + " 0.5" * (nd - 1)),
     )  # fmt: skip
-    tables["scene"]["dimension"] = nd
     states, _ = solved(tables)
     assert states.unstable is unstable
     assert states.verdict == ("doubtful" if unstable else "accepted")
@@ -248,14 +244,12 @@ def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
     """A disc 20 times as stiff as what is stretched around it: neo-Hookean materials keep their
     ellipticity, many thin layers of them do not. Truths of quadratic finite elements.
     """
+    disc = neo(20.0, 660.0, "disc", where="(x - 0.5)^2 + (y - 0.5)^2 < 0.0625")
     tables = scene(
-        "rkpm-gauss", box(25, 25), material=[neo(1.0, 33.0), neo(20.0, 660.0, "disc")],
-        boundary=[{"set": "x0", "u_x": 0}, {"set": "y0", "u_y": 0}, {"set": "x1", "u_x": 0.3}],
-        probe=[{"name": "pull", "quantity": "force_x", "set": "x1"},
-               {"name": "waist", "quantity": "u_y", "point": [0.5, 1.0]}],
+        "rkpm-gauss", box(25, 25), material=[neo(1.0, 33.0), disc],
+        boundary=[*scenes.PLANES[:2], {"set": "x1", "u_x": 0.3}],
+        probe=probes("pull force_x x1", "waist u_y 0.5 1"),
     )  # fmt: skip
-    tables["scene"]["dimension"] = 2
-    tables["material"][1]["where"] = "(x - 0.5)^2 + (y - 0.5)^2 < 0.0625"
     states, found = solved(tables)
     assert states.verdict == "accepted" and not states.warnings
     assert found.last()["pull"] == pytest.approx(1.226, rel=0.02)
@@ -282,12 +276,9 @@ def test_inverted_corners_count_where_volumes_are_off() -> None:
     modulus: bars from fewer points are small, and J is off by 8 % in the mean.
     """
     tables = scene(
-        "rkpm-gauss", {"kind": "box", "size": [2, 1]},
-        material=[{"name": "gel", "model": "neo-hookean", "mu": 10.0, "K": 1e5}],
+        "rkpm-gauss", box(size=[2, 1]), material=[neo(10.0, 1e5)], probe=probes("force force_x x0"),
         boundary=[held("y0", 2), {"set": "y1", "u_y": -0.15}, {"set": "x0", "u_x": 0}],
-        probe=[{"name": "force", "quantity": "force_x", "set": "x0"}],
     )  # fmt: skip
-    tables["scene"]["dimension"] = 2
     states, _ = solved(tables)
     assert states.verdict == "doubtful"
     assert any("the material is inverted" in reason for reason in states.reasons)
@@ -462,10 +453,9 @@ def test_bars_of_linear_problems_are_their_errors(inputs: Path) -> None:
 
 def pad(quantity: str, *point: float) -> dict[str, Any]:
     """A flat block between glued plates, pressed by a tenth, with one probe of a stress."""
-    silicone = neo(0.3, 300, "silicone")
-    where = {"name": "stress", "quantity": quantity, "point": point}
     body = box(9, 9, 5, size=[20, 20, 10], places=False)
-    return gripped("rkpm-gauss", body, silicone, "z0 z1", where, u_z=-1)
+    place = " ".join(map(str, point))
+    return gripped("rkpm-gauss", body, neo(0.3, 300), "z0 z1", f"stress {quantity} {place}", u_z=-1)
 
 
 def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
