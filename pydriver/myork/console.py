@@ -19,36 +19,17 @@ def silent(line: str) -> None:
     """Progress callback that shows nothing."""
 
 
-class Unheard:
-    """Stream of the process whose reader may go away, as `head` does: what follows goes nowhere.
+def say(line: str, *, error: bool = False) -> None:
+    """Print a line; where its reader has gone, as `head` does, it and what follows go nowhere.
 
-    - `stream`: standard output or standard error
+    - `error`: to standard error instead of standard output
     """
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> int:
-        """Write a text, if somebody reads it."""
-        try:
-            return int(self._stream.write(text))
-        except BrokenPipeError:
-            self._close()
-            return len(text)
-
-    def flush(self) -> None:
-        """Hand over what was written, if somebody reads it."""
-        try:
-            self._stream.flush()
-        except BrokenPipeError:
-            self._close()
-
-    def _close(self) -> None:
+    stream = sys.stderr if error else sys.stdout
+    try:
+        print(line, file=stream, flush=True)
+    except BrokenPipeError:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self._stream.fileno())
+        os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
 
 
@@ -82,7 +63,7 @@ class Console:
         counted = _COUNTED.match(line)
         if counted is None or not sys.stdout.isatty():
             # a bar that is drawn lets lines pass above it
-            print(line, flush=True)
+            say(line)
             return
         if self._bar is None:
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

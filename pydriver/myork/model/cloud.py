@@ -13,7 +13,6 @@ from myork.model.architecture import long_axis
 from myork.model.boundary import Boundary, bone_beside, boundary_sets, surface_offsets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.flow import flow_fibers
-from myork.model.prism import extruded
 from myork.model.shares import LabelParts, checked_parts, label_shares
 from myork.records import Image, Labels, PointCloud, Voxels
 
@@ -149,8 +148,8 @@ def _prepared(
     labels, fibers, activation, fractions = body
     if "extrude" in table:
         length = table["extrude"]
-        labels = extruded(labels, length)
-        fibers, activation, fractions = (one and extruded(one, length) for one in body[1:])
+        labels = points.extruded(labels, length)
+        fibers, activation, fractions = (one and points.extruded(one, length) for one in body[1:])
         progress(f"a prism of {length:g} mm: {labels.data.shape[2]} times the slice")
     if table["flow"]:
         labels = canonical(labels)

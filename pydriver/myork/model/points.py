@@ -6,12 +6,13 @@ this is the world frame.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import block_sums, frame, to_voxels
+from myork.imaging.geometry import Grid, block_sums, canonical, frame, to_voxels
 from myork.records import Labels
 from myork.types import F64, I32, Index, Mask
 
@@ -58,6 +59,25 @@ def select(
             f"{labels.name}: slices {low} to {high} contain none of the model's labels"
         )
     return _moved(labels, part, np.array([0, 0, low]), np.ones(3))
+
+
+def extruded(image: Grid, length: float) -> Grid:
+    """A single slice extruded to a prism of slices about as thick as its pixels are wide.
+
+    - `image`: one slice across the axis nearest to superior, however thick
+    - `length`: length of the prism, centred on the slice [mm]
+    """
+    slice_ = canonical(image)
+    if slice_.data.shape[2] != 1:
+        raise InputError(
+            f"{image.name}: build.extrude makes a prism of a single slice across the axis nearest "
+            f"to superior, and this image has {slice_.data.shape[2]} of them; leave it out"
+        )
+    count = max(2, round(length / float(slice_.spacing[:2].max())))
+    affine = slice_.affine.copy()
+    affine[:3, 2] *= length / (count * slice_.spacing[2])
+    affine[:3, 3] -= 0.5 * (count - 1) * affine[:3, 2]
+    return replace(slice_, data=np.repeat(slice_.data, count, axis=2), affine=affine)
 
 
 def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> Labels:

@@ -138,15 +138,6 @@ def _came_out(
             number(float(deformation.stress[tense]), 3), unit_of(units, "stress"),
             _place(deformation, tense),
         )  # fmt: skip
-    models = [m for m in summary.get("rom", {}).get("models", []) if m.get("e1")]
-    if models:
-        best = min(models, key=lambda model: model["e1"])
-        yield Markup(
-            "A reduced model of {} {} is {} times faster, with an error of {} in displacement"
-        ).format(
-            best["r"], "mode" if best["r"] == 1 else "modes",
-            number(best.get("speedup_vs_full"), 2), number(best["e1"], 2),
-        )  # fmt: skip
 
 
 def _place(deformation: Deformation, point: int) -> str:
@@ -231,13 +222,3 @@ def _data(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         yield f"Body: {source or deck['geometry'].get('file', 'a model file')}"
     elif deck.get("geometry"):
         yield "No images: the body is defined by the deck"
-    scores = [
-        (name, own["dice"])
-        for name, own in segmentation.get("scores", {}).items()
-        if own.get("dice") is not None
-    ]
-    if scores:
-        each = Markup(", ").join(
-            Markup("{} {}").format(name, number(dice, 3)) for name, dice in scores
-        )
-        yield Markup("Segmentation against the truth: Dice {}").format(each)

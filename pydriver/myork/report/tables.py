@@ -1,7 +1,6 @@
 """Tables of a report: every number with its unit."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
@@ -201,17 +200,6 @@ def muscle_table(muscles: Sequence[Mapping[str, Any]]) -> Markup:
         "length of fibers"
     )
     return _listed(muscles, columns, caption, 3)
-
-
-def resampled_table(moved: Sequence[Mapping[str, Any]]) -> Markup:
-    """Images that were brought onto the grid of a run, and how."""
-    columns = {
-        "station": lambda own: str(own.get("station", DASH)),
-        "file": lambda own: Path(own["file"]).name,
-        "how": lambda own: str(own["how"]),
-        "corners of the grids apart [mm]": _of("shift", 3),
-    }
-    return _listed(moved, columns, "Images resampled to another grid", 4)
 
 
 def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:

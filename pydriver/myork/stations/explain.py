@@ -5,9 +5,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from myork.console import ProgressCallback
-from myork.core.deck import load_deck
-from myork.core.snapshots import step_count
+from myork.console import ProgressCallback, say
+from myork.core.deck import load_deck, step_count
 from myork.imaging.io import read_image
 from myork.stations.solve import run_executable, set_options
 
@@ -17,7 +16,7 @@ def explain_deck(
     *,
     out: str | Path | None = None,
     overrides: Sequence[str] = (),
-    progress: ProgressCallback = print,
+    progress: ProgressCallback = say,
 ) -> None:
     """Say what a deck will model: images, sizes, memory and cost; refuse what does not fit.
 
