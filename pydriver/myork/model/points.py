@@ -200,26 +200,6 @@ def blunt_ends(body: Mask, least: float) -> tuple[int, int]:
     return int(full[0]), int(full[-1])
 
 
-def points_across(body: Mask, step: Sequence[int]) -> float:
-    """Source points across a body, in the median of its voxels: the least of both directions.
-
-    Bodies of voxels are fixed at their ends: directions along slices count, that across does not.
-
-    - `body`: voxels of the body, shape `(ni, nj, nk)`
-    - `step`: distance of source points in each direction [voxel]
-    """
-    least = np.full(int(body.sum()), np.inf)
-    for d in range(2):
-        lines = np.moveaxis(body, d, -1)
-        # pieces are connected along d only; a piece is a line of voxels
-        along = np.zeros((3, 3, 3))
-        along[1, 1, :] = 1
-        pieces, _ = ndimage.label(lines, along)
-        length = np.bincount(pieces.ravel())[np.moveaxis(pieces, -1, d)[body]]
-        least = np.minimum(least, 1 + (length - 1) / step[d])
-    return float(np.median(least))
-
-
 def source_voxels(body: Mask, step: Sequence[int]) -> Index:
     """Choose source points among the voxels of the body.
 
