@@ -13,7 +13,7 @@ from benchmarks.tables.real_anatomy import scores
 from myork.bench import phantoms
 from myork.bench import reproduce as module
 from myork.bench.dissertation import TABLES, WITHOUT_NUMBERS, Run
-from myork.bench.reproduce import FAR, RUNS, beside_of, find_tables, list_tables, reproduce
+from myork.bench.reproduce import FAR, RUNS, find_tables, list_tables, reproduce
 from myork.cli import main
 from myork.console import ProgressCallback, silent
 from myork.errors import ConvergenceError
@@ -180,12 +180,11 @@ def test_the_page_has_all_numbers_and_reasons() -> None:
         assert shown == (table.picture is not None), name
         assert not shown or (ROOT / f"docs/reproduced/{table.name}.png").is_file(), name
         (head,) = re.findall(r"^\| row \| (.*) \|$", page, re.M)
-        beside = beside_of(table)
         for row in table.rows:
-            line, column = beside.get(row.name, (row.name, "ours"))
+            line, column = row.beside or (row.name, "ours")
             (text,) = re.findall(rf"^\| {re.escape(line)} \| (.*) \|$", page, re.M)
             cells = text.split(" | ")
-            if row.name in beside:
+            if row.beside:
                 assert float(cells[head.split(" | ").index(column)]) >= 0, (name, row.name)
                 continue
             if row.published is None:

@@ -11,7 +11,6 @@ import resource
 import shlex
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from difflib import get_close_matches
@@ -444,7 +443,7 @@ def _grid(
     entry: Table, rows: Sequence[Mapping[str, Any]], far: str
 ) -> tuple[list[str], list[list[str]]]:
     """Columns and lines of a table as text; `far` marks what is far off."""
-    beside = beside_of(entry)
+    beside = {row.name: row.beside for row in entry.rows if row.beside}
     more = {beside[row["row"]]: _number(row["ours"]) for row in rows if row["row"] in beside}
     columns = list(dict.fromkeys(column for _, column in more))
     lines = [
@@ -460,25 +459,6 @@ def _grid(
         if row["row"] not in beside
     ]
     return ["row", "published", "ours", "ratio", "CPU [s]", *columns], lines
-
-
-def beside_of(entry: Table) -> dict[str, tuple[str, str]]:
-    """Rows without a published number that stand in the line of another one, and their columns.
-
-    Such a row reads the same run, and its name is that of the other with the column behind it; a
-    column has two rows at least.
-    """
-    found: dict[str, tuple[str, str]] = {}
-    for row in entry.rows:
-        name, _, unit = row.name.partition(" [")
-        for other in entry.rows:
-            start, _, same = other.name.partition(" [")
-            column = name.removeprefix(start)
-            alike = unit == same and row.quantity[0] == other.quantity[0]
-            if alike and row.published is None and column.startswith((" ", ", ")):
-                found[row.name] = other.name, column.lstrip(", ")
-    shared = Counter(column for _, column in found.values())
-    return {name: place for name, place in found.items() if shared[place[1]] > 1}
 
 
 def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | None) -> Section:
