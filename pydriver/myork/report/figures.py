@@ -151,35 +151,16 @@ def _as_columns(values: Sequence[Any], width: int = 1) -> F64:
     return np.array(rows).reshape(-1, width)
 
 
-def rom_figure(rom: Mapping[str, Any]) -> Figure:
-    """Decay of the modes, and error against number of modes.
-
-    Of `rom` of the summary, on logarithmic scales.
-    """
-    figure, (decay, errors) = panels_of(2)
+def decay_figure(rom: Mapping[str, Any]) -> Figure:
+    """Decay of the modes, of `rom` of the summary, on a logarithmic scale."""
+    figure, (decay,) = panels_of(1)
     pov = np.asarray(rom.get("pov", []), dtype=float)
-    models = rom.get("models", [])
     if pov.size and pov[0] > 0.0:
         relative = np.where(pov > 0.0, pov / pov[0], np.nan)
         decay.semilogy(np.arange(1, len(pov) + 1), relative, "o-", color=COLOURS[0], markersize=4)
-        for model in models:
+        for model in rom.get("models", []):
             decay.axvline(model["r"], color=GREY, linewidth=0.8, linestyle=":")
         decay.xaxis.set_major_locator(MaxNLocator(integer=True))
     decay.set(xlabel="mode (dotted: sizes used)", ylabel="orthogonal value / first [-]")
-    models = sorted(models, key=lambda model: model["r"])
-    modes = [model["r"] for model in models]
-    look = {"color": COLOURS[0], "marker": MARKERS[0], "markersize": 5}
-    errors.semilogy(modes, _column(models, "e1"), "-", label="e₁", **look)
-    errors.semilogy(modes, _column(models, "e2"), "--", label="e₂", markerfacecolor="none", **look)
-    errors.xaxis.set_major_locator(MaxNLocator(integer=True))
-    errors.set(xlabel="modes r", ylabel="error [-]")
-    errors.legend(frameon=False, fontsize="small")
-    for axes in (decay, errors):
-        axes.minorticks_off()
+    decay.minorticks_off()
     return figure
-
-
-def _column(models: Sequence[Mapping[str, Any]], key: str) -> F64:
-    """Values for a logarithmic axis: what is missing or zero becomes a gap."""
-    values = np.array([model.get(key) or np.nan for model in models], dtype=float)
-    return np.where(values > 0.0, values, np.nan)

@@ -205,11 +205,8 @@ def _rom(folder: RunFolder) -> Iterator[Markup]:
     if not rom:
         return
     models = rom.get("models", [])
-    caption = Markup(
-        "Left: decay of the orthogonal values of {} snapshots. Right: errors of displacement "
-        "(e<sub>1</sub>) and displacement gradient (e<sub>2</sub>)."
-    )
-    yield figure(figures.rom_figure(rom), caption.format(number(rom.get("snapshots"))))
+    caption = Markup("Decay of the orthogonal values of {} snapshots.")
+    yield figure(figures.decay_figure(rom), caption.format(number(rom.get("snapshots"))))
     yield tables.rom_table(models)
     own = rom.get("full", {}).get("probes", {})
     units = {name: unit for name, unit in probe_units(summary).items() if name in own}
@@ -220,9 +217,5 @@ def _rom(folder: RunFolder) -> Iterator[Markup]:
 
 def _run(folder: RunFolder) -> Iterator[Markup]:
     """Method, solver, timings."""
-    summary = folder.summary
-    if "method" in summary:
-        yield tables.run_table(summary)
-    timings = summary.get("timings_s", {})
-    if timings:
-        yield tables.timing_table(timings, summary.get("memory_peak_bytes"))
+    if "method" in folder.summary:
+        yield tables.run_table(folder.summary)

@@ -168,19 +168,6 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         yield Markup("Error bars: at most {} % of the value ({})").format(
             number(100.0 * worst, 2), name
         )
-    second = summary.get("companion", {})
-    if second.get("difference") is not None and second.get("method"):
-        points = (
-            "the same points"
-            if second.get("same_points")
-            else Markup("{} points instead of {}").format(
-                number(second.get("source_points")), number(summary.get("source_points"))
-            )
-        )
-        yield Markup("A second solution ({}, {}) differs by {} {} in displacement (rms)").format(
-            second["method"], points, number(second["difference"], 2),
-            summary.get("units", {}).get("length", "?"),
-        )  # fmt: skip
     if summary.get("force_imbalance") is not None:
         yield Markup("Force imbalance {} of the largest force").format(
             number(summary["force_imbalance"], 2)
