@@ -227,7 +227,6 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
         "indicator_ratio": {"min": float(ratio[good].min()), "max": float(ratio[good].max())},
         "spearman": float(spearmanr(estimate[good], relative[good])[0]),
         "full_cpu_s_per_state": float(np.mean([state.cpu_s for state in states])),
-        "full_started": sum(state.started for state in states),
         "cells": rom.head["cells"],
         "modes": rom.modes,
         "parameters": values.tolist(),

@@ -32,8 +32,6 @@ _LEAST = 0.1
 _ROUNDING = 1e-9
 #: Part of a range by which sliders go beyond it
 _BEYOND = 0.15
-#: Kinds of parameters that come first
-FIRST = {"activation": 0, "load": 1}
 #: Points of a curve
 _POINTS = 31
 #: Per cent of the values of sample states at either end that have the colour of the end: stresses
@@ -164,7 +162,6 @@ class Answers:
             "indicator": _number(error),
             "inside": bool(batch.inside[0]),
             "converged": bool(batch.converged[0]),
-            "iterations": int(batch.iterations[0]),
             "verdict": verdict,
             "reasons": reasons,
             "J": [_number(j.min()), _number(j.max())],
