@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 ProgressCallback = Callable[[str], None]
@@ -33,7 +34,7 @@ def say(line: str, *, error: bool = False) -> None:
         os.close(nowhere)
 
 
-class Console:
+class Console(AbstractContextManager["Console"]):
     """Progress callback of the commands and of notebooks; use it as a context manager.
 
     - `verbosity`: -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the
@@ -47,9 +48,6 @@ class Console:
         self._quiet = verbosity < 0
         self._bar: Any = None  # a Progress of rich, loaded where one is drawn
         self._tasks: dict[str, Any] = {}
-
-    def __enter__(self) -> "Console":
-        return self
 
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -51,7 +52,7 @@ class Shown(NamedTuple):
     values: F64  #: The field there, not a number where the body is inside out, shape `(n,)`
 
 
-class Answers:
+class Answers(AbstractContextManager["Answers"]):
     """A reduced model with its full scene, which gives fields; asked by one thread at a time.
 
     - `path`: reduced model
@@ -71,9 +72,6 @@ class Answers:
         self.probes = self._probes()
         self.ranges, self._largest = self._ranges()
         self._bar = self._bar_of_force(path.parent)
-
-    def __enter__(self) -> "Answers":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._full.close()
