@@ -156,15 +156,12 @@ def real_muscles(data: str) -> Iterator[tuple[str, ...]]:
             run = measured_run(words, Path(folder))
             found = json.loads(Path(folder, "out", name, "summary.json").read_text())
         muscle = {key.split(" ")[0]: one for key, one in found["model"]["muscles"][0].items()}
-        last, deck = found["steps"][-1], found["deck"]
-        estimate = last["activation"] * muscle["PCSA"] * deck["material"][0]["sigma_max"]
-        pulls = [one["name"] for one in deck["probe"] if one["quantity"].startswith("force")]
-        pull = max(pulls, key=lambda name: abs(last["probes"][name]))
-        force, bar = (last[key][pull] for key in ("probes", "probe_errors"))
+        last, estimate = found["steps"][-1], found["pcsa_force"]
+        force, bar = (last[key][estimate["probe"]] for key in ("probes", "probe_errors"))
         yield (
             name, f"{found['collocation_points']}, {found['source_points']}",
             f"{muscle['volume']:.1f}", f"{muscle['fiber_length']:.1f}, {muscle['pennation']:.0f}°",
             f"{muscle['PCSA']:.1f}", f"{abs(force):.3g} ± {bar:.2g} N",
-            f"{estimate:.3g} N", found["verdict"]["state"], f"{run.wall:.0f}",
+            f"{estimate['value']:.3g} N", found["verdict"]["state"], f"{run.wall:.0f}",
             f"{run.cpu:.0f}", f"{run.memory:.0f}",
         )  # fmt: skip

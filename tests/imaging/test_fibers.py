@@ -23,6 +23,7 @@ from myork.model.points import extruded
 from myork.records import Image, Labels
 from myork.report import make_report
 from myork.stations.build import build
+from myork.stations.solve import pcsa_force
 from tests.images import affine_of, angle, built, centred, phantom_dwi, save
 from tests.scenes import held, refuses, scene
 
@@ -447,3 +448,37 @@ def test_build_writes_a_table_of_the_muscles(tmp_path):
     assert first["MD [mm^2/s]"] == pytest.approx(md)
     page = make_report(out).read_text()
     assert "pennation [deg]" in page and "PCSA is volume times" in page
+
+
+def solved(force, area=4.0, **changes):
+    """Summary of a solve: a muscle of a PCSA at an activation of a half, sigma_max 30 N/cm^2."""
+    return {
+        "units": {"force": "N", "length": "cm"},
+        "deck": {
+            "geometry": {"kind": "model"},
+            "material": [{"name": "m", "model": "muscle", "sigma_max": 30.0}],
+            "probe": [
+                {"name": "pull", "quantity": "force", "set": "top"},
+                {"name": "stress", "quantity": "cauchy_zz", "point": [0, 0, 0]},
+            ],
+        },
+        "model": {"muscles": [{"muscle": "m", "PCSA [cm^2]": area}]},
+        "steps": [{"activation": 0.5, "probes": {"pull": force, "stress": 1e4}}],
+        **changes,
+    }
+
+
+@pytest.mark.parametrize(("force", "ratio"), [(48.0, 1.0), (9.0, 0.1875), (240.0, 5.0)])
+def test_a_force_three_times_off_the_pcsa_is_named(force, ratio):
+    entry, warning = pcsa_force(solved([0.6 * force * 1.25, 0.0, -0.8 * force * 1.25]))
+    assert entry == {"value": 60.0, "probe": "pull", "ratio": pytest.approx(ratio)}
+    assert bool(warning) == (ratio != 1.0)
+    if warning:
+        assert "probe pull is" in warning and "60 N" in warning
+
+
+def test_no_estimate_without_what_it_needs():
+    passive = [{"activation": 0.0, "probes": {"pull": 1.0}}]
+    for lacking in ({"area": None}, {"steps": passive}, {"model": {}}):
+        assert pcsa_force(solved(48.0, **lacking)) is None
+    assert pcsa_force({}) is None

@@ -123,6 +123,11 @@ def _came_out(
             yield Markup("At load {}: {}").format(
                 fraction(last.get("load")), Markup(", ").join(values)
             )
+    if estimate := summary.get("pcsa_force"):
+        yield Markup("Activation × PCSA × sigma_max: {} {}; {} is {} times that").format(
+            number(estimate["value"], 3), units.get("force", "?"), estimate["probe"],
+            number(estimate["ratio"], 2),
+        )  # fmt: skip
     if deformation is not None:
         size = deformation.size
         stress = np.nan_to_num(deformation.stress, nan=-np.inf)

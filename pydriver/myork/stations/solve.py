@@ -14,6 +14,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from myork.console import ProgressCallback, silent
 from myork.core.calls import interrupts_held
 from myork.core.deck import text_of_tables
@@ -26,12 +28,14 @@ from myork.errors import (
     StoppedError,
     cure_of,
 )
-from myork.files import write_text
-from myork.summary import readable_summary
+from myork.files import alone_in, write_text
+from myork.summary import readable_summary, update_summary
 
 _NAME = "myork-solve"
 #: Exit status of a program that the loader of the system gives up
 _DOES_NOT_LOAD = 127
+# A computed force further than this factor from the estimate is named.
+_FACTOR = 3.0
 
 
 def find_executable() -> Path:
@@ -118,7 +122,26 @@ def run_deck(
             f"{_NAME} reported success but left no summary.json in {out}; does another program "
             "remove files there?"
         )
-    return summary
+    return _with_estimate(summary, Path(out), progress)
+
+
+def _with_estimate(
+    summary: dict[str, Any], out: Path, progress: ProgressCallback
+) -> dict[str, Any]:
+    """The summary, also of the folder, with the force by the PCSA where it is known."""
+    estimate = pcsa_force(summary)
+    if estimate is None:
+        return summary
+    entry, warning = estimate
+    unit = summary["units"]["force"]
+    progress(f"activation x PCSA x sigma_max: {entry['value']:.4g} {unit} ({entry['probe']}: "
+             f"{entry['ratio']:.2g} times)")  # fmt: skip
+    if warning:
+        progress(f"warning: {warning}")
+    warnings = [*summary.get("warnings", []), *([warning] if warning else [])]
+    with alone_in(out):
+        update_summary(out, {"pcsa_force": entry, "warnings": warnings})
+    return {**summary, "pcsa_force": entry, "warnings": warnings}
 
 
 def set_options(overrides: Sequence[str]) -> list[str]:
@@ -186,3 +209,45 @@ def _check_status(status: int, message: str, stopped: bool, progress: ProgressCa
         raise InstallationError(f"{_NAME} does not start: {message}; {cure_of(message)}")
     ending = f"signal {signal.Signals(-status).name}" if status < 0 else f"exit status {status}"
     raise InstallationError(f"{_NAME} ended with {ending}: {message}")
+
+
+def pcsa_force(summary: Mapping[str, Any]) -> tuple[dict[str, Any], str] | None:
+    """Activation times PCSA times `sigma_max`, summed over the muscles of a model, at the end.
+
+    It is the force of fibers at their optimal length without the passive one.
+
+    - `summary`: content of `summary.json` after a solve
+    - returns entry `pcsa_force` of the summary: `value` in the deck's unit of force, the `probe` of
+      the largest force on a set and the `ratio` of both; a warning where they are three times
+      apart, else no text. None without activation, one muscle material, PCSA of all active muscles,
+      or a probe of a force.
+    """
+    deck, steps = summary.get("deck", {}), summary.get("steps") or [{}]
+    materials = [own for own in deck.get("material", []) if own.get("model") == "muscle"]
+    rows = (summary.get("model") or {}).get("muscles", [])
+    if deck.get("geometry", {}).get("kind") != "model" or len(materials) != 1:
+        return None
+    activation = materials[0].get("activation", steps[-1].get("activation", 0.0))
+    areas = [value for row in rows for head, value in row.items() if head.startswith("PCSA")]
+    areas = [value for value in areas if value is not None]
+    whole = len(areas) == 1 or len(areas) == len(rows)
+    forces = {
+        probe["name"]: float(np.linalg.norm(steps[-1].get("probes", {}).get(probe["name"]) or 0.0))
+        for probe in deck.get("probe", [])
+        if str(probe.get("quantity")).split("_")[0] == "force" and probe.get("set")
+    }
+    if not (areas and whole and any(forces.values()) and isinstance(activation, int | float)):
+        return None
+    value = float(activation * sum(areas) * materials[0]["sigma_max"])
+    if not value > 0.0:
+        return None
+    probe = max(forces, key=lambda name: forces[name])
+    ratio = forces[probe] / value
+    warning = ""
+    if not 1.0 / _FACTOR <= ratio <= _FACTOR:
+        warning = (
+            f"probe {probe} is {ratio:.2g} times activation x PCSA x sigma_max = {value:.4g} "
+            f"{summary.get('units', {}).get('force', '')}: look at fibers, attachments and unit of "
+            "sigma_max"
+        )
+    return {"value": value, "probe": probe, "ratio": ratio}, warning
