@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.files import INPUTS
-from myork.rom.check import compare_at
+from myork.rom.check import compare
 from myork.rom.model import ReducedModel
 from myork.rom.parameters import spread_points
 from myork.stations.build import build
@@ -79,7 +79,7 @@ def trained(points: str = "20", full_solves: str = "40") -> Iterator[tuple[str, 
             ends = {p.key: (p.low, p.high) for p in rom.parameters} | (ranges or {})
             at = [p._replace(low=ends[p.key][0], high=ends[p.key][1]) for p in rom.parameters]
             values = spread_points(at, int(points), 1)
-            found = compare_at(rom, rom.full_model(), values, 1, lambda line: None)
+            found = compare(rom, rom.full_model(), values, 1, lambda line: None)
             cells, ratio = found["cells"], found["indicator_ratio"]
             yield (
                 name if ranges is None else f"{name}, beyond",

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 
 import myork
 from myork.bench import BENCHES
-from myork.console import Console, Unheard, silent
+from myork.console import Console, say, silent
 from myork.errors import ConvergenceError, InputError, MyorkError, cure_of
 from myork.files import json_text, write_json, write_text
 from myork.summary import asked
@@ -55,8 +55,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
             f"{_LEAST_BYTES / 1e6:.0f} MB are needed",
             2,
         )
-    if sys.stdout is sys.__stdout__:
-        sys.stdout, sys.stderr = Unheard(sys.stdout), Unheard(sys.stderr)
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     # Before numpy and the core are loaded: their thread pools read this once. On matrices as small
@@ -74,12 +72,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         with Console(options.verbosity) as console:
             result = options.run(options, console)
         if result:
-            print(result)
+            say(result)
     except KeyboardInterrupt:
         status = _complain("stopped; finished results have been written", 1)
         if arguments is None:
             # a library that was stopped while it loaded may crash when Python takes it down
-            sys.stderr.flush()
             os._exit(status)
         return status
     except Exception as error:
@@ -97,8 +94,7 @@ def _name_of(options: argparse.Namespace) -> str:
 
 
 def _complain(message: str, status: int) -> int:
-    sys.stdout.flush()
-    print(f"myork: {message}", file=sys.stderr)
+    say(f"myork: {message}", error=True)
     return status
 
 
@@ -175,7 +171,7 @@ def _overrides(options: argparse.Namespace) -> list[str]:
 def _check(options: argparse.Namespace, console: Console) -> None:
     found = _load("stations.check:check_deck")(
         options.deck, options.out, overrides=options.set, quick=options.quick,
-        progress=silent if options.verbosity < 0 else print,
+        progress=silent if options.verbosity < 0 else say,
     )  # fmt: skip
     failed = [check.name for check in found if check.passed is False]
     if failed:
@@ -185,7 +181,7 @@ def _check(options: argparse.Namespace, console: Console) -> None:
 def _bench(options: argparse.Namespace, console: Console) -> None:
     run = _load("bench:run_benches")
     record = run(options.names, options.out, quick=options.quick, progress=console)
-    print(f"benchmarks: {options.out / 'bench.html'}")
+    say(f"benchmarks: {options.out / 'bench.html'}")
     ended = [name for name, bench in record["benches"].items() if "ended" in bench]
     if ended:
         raise MyorkError(f"no result for {', '.join(ended)}")
@@ -198,7 +194,7 @@ def _reproduce(options: argparse.Namespace, console: Console) -> str | None:
         raise InputError("name a table or figure, such as 6.8, or all; --list prints them")
     content = _load("bench.reproduce:reproduce")(
         options.names, options.out, progress=console,
-        show=silent if options.verbosity < 0 else print,
+        show=silent if options.verbosity < 0 else say,
     )  # fmt: skip
     ended = {row["table"] for row in content["rows"] if "ended" in row}
     if ended:
@@ -225,7 +221,7 @@ def _view(options: argparse.Namespace, console: Console) -> str | None:
         signal.signal(signal.SIGHUP, signal.default_int_handler)
     _load("view:serve")(
         options.file, port=options.port, browser=not options.no_browser, threads=threads,
-        progress=lambda line: print(line, flush=True),
+        progress=say,
     )  # fmt: skip
     return None
 
@@ -250,7 +246,7 @@ def _rom_train(options: argparse.Namespace, console: Console) -> str:
 
 def _rom_solve(options: argparse.Namespace, console: Console) -> None:
     state = _model(options, threads=1).solve(**_load("rom.parameters:numbers_of")(options.set))
-    print(json_text(state.as_dict()) if options.json else state.describe())
+    say(json_text(state.as_dict()) if options.json else state.describe())
     if not state.converged:
         raise ConvergenceError("the reduced model did not converge for these parameters")
 
@@ -279,7 +275,7 @@ def _sweep(options: argparse.Namespace, console: Console) -> str:
         options.deck, options.vary, options.out, samples=options.samples, seed=options.seed,
         workers=options.workers, dask=options.dask, model=options.model, overrides=options.set,
         dry_run=options.dry_run,
-        progress=print if options.dry_run else console,
+        progress=say if options.dry_run else console,
     )  # fmt: skip
     if options.dry_run:
         return ""

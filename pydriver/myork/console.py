@@ -8,6 +8,7 @@ import os
 import re
 import sys
 from collections.abc import Callable
+from contextlib import AbstractContextManager
 from typing import Any
 
 ProgressCallback = Callable[[str], None]
@@ -19,40 +20,21 @@ def silent(line: str) -> None:
     """Progress callback that shows nothing."""
 
 
-class Unheard:
-    """Stream of the process whose reader may go away, as `head` does: what follows goes nowhere.
+def say(line: str, *, error: bool = False) -> None:
+    """Print a line; where its reader has gone, as `head` does, it and what follows go nowhere.
 
-    - `stream`: standard output or standard error
+    - `error`: to standard error instead of standard output
     """
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
-
-    def write(self, text: str) -> int:
-        """Write a text, if somebody reads it."""
-        try:
-            return int(self._stream.write(text))
-        except BrokenPipeError:
-            self._close()
-            return len(text)
-
-    def flush(self) -> None:
-        """Hand over what was written, if somebody reads it."""
-        try:
-            self._stream.flush()
-        except BrokenPipeError:
-            self._close()
-
-    def _close(self) -> None:
+    stream = sys.stderr if error else sys.stdout
+    try:
+        print(line, file=stream, flush=True)
+    except BrokenPipeError:
         nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self._stream.fileno())
+        os.dup2(nowhere, stream.fileno())
         os.close(nowhere)
 
 
-class Console:
+class Console(AbstractContextManager["Console"]):
     """Progress callback of the commands and of notebooks; use it as a context manager.
 
     - `verbosity`: -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the
@@ -67,9 +49,6 @@ class Console:
         self._bar: Any = None  # a Progress of rich, loaded where one is drawn
         self._tasks: dict[str, Any] = {}
 
-    def __enter__(self) -> "Console":
-        return self
-
     def __exit__(self, *_: object) -> None:
         if self._bar is not None:
             self._bar.stop()
@@ -82,7 +61,7 @@ class Console:
         counted = _COUNTED.match(line)
         if counted is None or not sys.stdout.isatty():
             # a bar that is drawn lets lines pass above it
-            print(line, flush=True)
+            say(line)
             return
         if self._bar is None:
             from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn

@@ -1,7 +1,8 @@
 """The whole way on one command: phantom images to a muscle force, a reduced model and pages."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 from myork.console import ProgressCallback, silent
 from myork.errors import RefusedError
@@ -51,7 +52,7 @@ def run_demo(
     out = Path(out)
     out.mkdir(parents=True, exist_ok=True)
     overrides = [*_OVERRIDES, *overrides]
-    stations = {
+    stations: dict[str, Callable[..., Any]] = {
         "phantom images to labels and fibers": segment,
         "labels to points": build,
         "full solution": run_deck,

@@ -12,7 +12,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from myork.errors import FileError
+from myork.errors import FileError, InputError
 
 #: Decks of the installation; of an editable one those of the checkout
 INPUTS = Path(str(resources.files("myork") / "inputs" / "mg_muscle.toml")).parent
@@ -93,6 +93,18 @@ def write_text(path: Path, text: str) -> None:
     """Write a text file, in UTF-8, by `whole_file`."""
     with whole_file(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
+
+
+def read_text(path: Path) -> str:
+    """Text of a small file, in UTF-8, with a FileError or InputError that names it."""
+    try:
+        return path.read_text("utf-8-sig")
+    except FileNotFoundError:
+        raise FileError(f"{path}: there is no such file") from None
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be read: {reason.strerror}") from None
+    except UnicodeDecodeError as reason:
+        raise InputError(f"{path}: is not text: {reason}") from None
 
 
 def json_text(value: Any, indent: int | None = None) -> str:

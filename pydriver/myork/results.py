@@ -5,7 +5,7 @@ what a restart needs in its group MyoRK.
 """
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -41,7 +41,7 @@ class RestartState:
     approximation: str  #: Shape functions they belong to, in words
 
 
-class Results:
+class Results(AbstractContextManager["Results"]):
     """Result file of a solve, open for reading; a context manager.
 
     - `path`: result file, or the output folder with `results.vtkhdf` in it
@@ -79,9 +79,6 @@ class Results:
     def close(self) -> None:
         """Close the file; arrays that were read stay valid."""
         self._file.close()
-
-    def __enter__(self) -> "Results":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

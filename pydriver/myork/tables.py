@@ -64,15 +64,11 @@ def _toml(value: Any, place: str) -> str:
         value = value.tolist()
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
-    if isinstance(value, str):
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    if isinstance(value, str | int | float):
         # JSON escapes all that TOML wants escaped but the last of the control characters
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, int):
-        return str(value)
-    if isinstance(value, float):
-        return repr(value) if math.isfinite(value) else str(value)
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml(entry, place) for entry in value) + "]"
     if isinstance(value, Mapping):
@@ -103,13 +99,6 @@ def _refuse(self: object, *_: Any, **__: Any) -> NoReturn:
     )
 
 
-def _plain(value: Any) -> Any:
-    """Ordinary dicts and lists that may be changed."""
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    return [_plain(entry) for entry in value] if isinstance(value, list) else value
-
-
 class _Fixed:
     """What cannot be changed; copies can."""
 
@@ -117,7 +106,7 @@ class _Fixed:
     popitem = setdefault = update = append = extend = insert = remove = reverse = sort = _refuse
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return type(_plain(self)), (_plain(self),)
+        return json.loads, (json.dumps(self),)
 
 
 class _Table(_Fixed, dict[str, Any]):

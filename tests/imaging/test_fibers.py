@@ -19,7 +19,7 @@ from myork.model.averaging import best_average, tensor_logarithms, tensor_trust
 from myork.model.cloud import build_cloud
 from myork.model.fibers import fiber_field, fibers_at_points
 from myork.model.flow import flow_fibers
-from myork.model.prism import extruded
+from myork.model.points import extruded
 from myork.records import Image, Labels
 from myork.report import make_report
 from myork.stations.build import build

@@ -87,13 +87,6 @@ def test_errors_begin_with_file_line_and_key(build, tmp_path, table, message):
     assert f"body.toml:{line}: build." in said
 
 
-def test_labels_and_materials_that_do_not_meet(build: Callable[..., Any]) -> None:
-    """What a solve will refuse is a warning when the model is built."""
-    warnings = build()["model"]["warnings"]
-    assert any("material fat: no voxel has its label 4; the labels are 1, 2" in w for w in warnings)
-    assert any("label 2 has no material" in w for w in warnings)
-
-
 # ---- decks to start from, and self-checks of decks -----------------------------------------------
 
 

@@ -16,7 +16,7 @@ from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
 from myork.rom import projection
-from myork.rom.check import compare, compare_at
+from myork.rom.check import compare
 from myork.rom.map import map_model
 from myork.rom.marks import LOST
 from tests.scenes import contracting, deck_file, probes, refuses, rows_of, solved
@@ -452,7 +452,7 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert check["points"] == 2 and check["failed"] == 0
     assert {"u", "force", "cpu_us_per_state", "indicator_ratio", "spearman", "cells"} <= set(check)
     rom = ReducedModel.load(trained, threads=1)
-    check = compare_at(rom, rom.full_model(), np.array([[0.7, 0.33], [0.8, 0.33]]), 1, silent)
+    check = compare(rom, rom.full_model(), np.array([[0.7, 0.33], [0.8, 0.33]]), 1, silent)
     assert check["parameters"] == [[0.7, 0.33], [0.8, 0.33]] and check["failed"] == 0
     assert main(["rom", "solve", str(trained), "--set", "u_z=0.1"]) == 2
     assert "no value for load.activation" in capsys.readouterr().err

@@ -89,9 +89,7 @@ def test_labels_keep_their_volumes_when_voxels_merge() -> None:
         warnings: list[str] = []
         strides = {"source_stride": [stride] * 3, "collocation_stride": [stride] * 3}
         cloud = voxels(data, 1.0, "mm", said=warnings, **strides)
-        # the ring is 2 voxels thick, the others more at the least stride
-        assert all("source points across" in text for text in warnings)
-        assert stride > 1 or [text.split(" has ")[0] for text in warnings] == ["label 3"]
+        assert warnings == []
         volumes = {label: (data == label).sum() for label in (1, 2, 3)}
         assert cloud.label_volumes() == pytest.approx(volumes, rel=1e-12)
         assert (cloud.fraction is None) == (stride == 1)

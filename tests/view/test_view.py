@@ -271,14 +271,10 @@ def test_curves_pass_through_the_state(answers: Answers) -> None:
     values = [0.4, 0.05, 30.0]
     facts = answers.state(values, "J").facts
     for one in (answers.curve(values, 0, k) for k in range(3)):
-        assert one is not None
-        y = np.interp(values[one["parameter"]], one["x"], one["y"][0])
+        y = np.interp(values[one["parameter"]], one["x"], one["y"])
         assert y == pytest.approx(facts["probes"][0], rel=0.01)
-    families = [answers.curve(values, 0, k, family=True) or {} for k in range(3)]
-    assert [len(one["y"]) for one in families] == [5, 5, 5]
-    assert families[1]["of"] == "load.activation" and families[0]["of"] == "boundary.z1.u_z"
     # more activation, more force
-    assert np.all(np.diff([y[15] for y in families[1]["y"]]) > 0)
+    assert np.all(np.diff(answers.curve(values, 0, 0)["y"]) > 0)
 
 
 @pytest.mark.parametrize(("path", "status", "message"), [

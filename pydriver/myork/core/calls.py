@@ -173,7 +173,7 @@ def call_in_thread(
         finally:
             done.set()
 
-    with _interrupts_held() as interrupts:
+    with interrupts_held() as interrupts:
         threading.Thread(target=run, daemon=True).start()
         while not done.wait(_INTERVAL_S):
             # again and again: the call may only have begun and set itself going after a first one
@@ -190,22 +190,29 @@ def call_in_thread(
 
 
 @contextmanager
-def _interrupts_held() -> Iterator[list[int]]:
-    """Collect the signals that would raise KeyboardInterrupt at any place of this thread."""
+def interrupts_held(
+    hear: Callable[[int], None] = lambda count: None, *, all_handlers: bool = False
+) -> Iterator[list[int]]:
+    """Collect SIGTERM and SIGINT while a block lasts.
+
+    - `hear`: called at each with how many came so far
+    - `all_handlers`: whether handlers that others have set are replaced as well, else only those
+      that would raise KeyboardInterrupt at any place of this thread
+    """
     caught: list[int] = []
 
     def hold(number: int, frame: FrameType | None) -> None:
         caught.append(number)
+        hear(len(caught))
 
-    held = []
+    before: dict[int, Any] = {}
     try:
-        # Only the main thread gets signals; handlers that others have set stay.
+        # only the main thread gets signals, and may set handlers
         if threading.current_thread() is threading.main_thread():
-            for number in (signal.SIGTERM, signal.SIGINT):
-                if signal.getsignal(number) is signal.default_int_handler:
-                    held.append(number)
-                    signal.signal(number, hold)
+            for one in (signal.SIGTERM, signal.SIGINT):
+                if all_handlers or signal.getsignal(one) is signal.default_int_handler:
+                    before[one] = signal.signal(one, hold)
         yield caught
     finally:
-        for number in held:
-            signal.signal(number, signal.default_int_handler)
+        for number, handler in before.items():
+            signal.signal(number, handler)

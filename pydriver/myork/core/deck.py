@@ -57,6 +57,22 @@ def text_of_tables(tables: Mapping[str, Any]) -> str:
     return deck_text({"title": "scene", "units": {"force": "N", "length": "cm"}, **tables})
 
 
+#: Load steps that give the snapshots of `[rom]` where the deck takes its load in one
+_SNAPSHOTS = 10
+
+
+def step_count(deck: Mapping[str, Any]) -> int:
+    """Number of load or time steps that `myork rom` takes.
+
+    A deck that takes its load in one step has ten if more than one mode is wanted, and no fewer
+    than modes.
+    """
+    if "dynamics" in deck:
+        return round(deck["dynamics"]["end_time"] / deck["dynamics"]["time_step"])
+    steps, wanted = int(deck["load"]["steps"]), max(deck["rom"]["modes"])
+    return max(_SNAPSHOTS, wanted) if steps == 1 < wanted else steps
+
+
 @cache
 def table_defaults(table: str) -> Mapping[str, Any]:
     """Values that the schema gives to keys of a table which a deck leaves out."""

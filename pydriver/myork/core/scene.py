@@ -31,7 +31,7 @@ from myork.tables import override_text, read_only
 from myork.types import F64, I32
 
 
-class Scene:
+class Scene(contextlib.AbstractContextManager["Scene"]):
     """A scene in memory: solve, evaluate and reduce it without files.
 
     `Scene(path)` opens that of a deck file, `Scene.from_tables` that of data.
@@ -178,9 +178,6 @@ class Scene:
             f"Scene({self.deck['title']!r}: {self.dimension}-D, {self.source_points} source points,"
             f" {self.dofs} unknowns, {self.steps} load step{'s' * (self.steps != 1)})"
         )
-
-    def __enter__(self) -> "Scene":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self.close()

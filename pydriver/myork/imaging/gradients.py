@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from myork.errors import InputError
+from myork.files import read_text
 from myork.imaging.geometry import frame
-from myork.imaging.plain import read_text
 from myork.types import F64, Mask
 
 # Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]

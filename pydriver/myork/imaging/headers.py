@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from myork.errors import InputError
+from myork.files import read_text
 from myork.imaging.dicom import series_files, split_choice
-from myork.imaging.plain import read_text
 
 
 class Header(NamedTuple):

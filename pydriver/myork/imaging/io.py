@@ -17,12 +17,11 @@ from nibabel.imageglobals import LoggingOutputSuppressor
 
 from myork.console import ProgressCallback, silent
 from myork.errors import FileError, InputError
-from myork.files import whole_file, write_text
+from myork.files import read_text, whole_file, write_text
 from myork.imaging.dicom import converted, split_choice, stack_files
 from myork.imaging.formats import ITK_SUFFIXES, load_itk, save_itk
 from myork.imaging.geometry import check_affine
 from myork.imaging.headers import bids_name
-from myork.imaging.plain import check_kind, read_text
 from myork.records import Image, Labels
 
 # Larger values are no measurement; squares of smaller ones can be added up.
@@ -163,9 +162,23 @@ def _load(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np
         data, affine = load_itk(path, note)
     else:
         data, affine = load_nifti(path, raw, note)
-    check_kind(str(path), data.dtype)
+    _check_kind(path, data.dtype)
     check_affine(affine, str(path))
     return data, affine
+
+
+def _check_kind(path: Path, kind: np.dtype) -> None:
+    """Refuse values that are not one plain number each."""
+    if kind.kind == "c":
+        raise InputError(
+            f"{path}: the values are complex ({kind}); save their magnitude (or one of the "
+            "parts) as a separate image"
+        )
+    if kind.kind not in "biuf":
+        raise InputError(
+            f"{path}: the values are {'colours' if kind.names else 'no numbers'} ({kind}); save "
+            "one grey value per voxel"
+        )
 
 
 def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
@@ -266,7 +279,7 @@ def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarra
             f"{path}: sform and qform of its header have code 0, so that left and right are not "
             "known and only guessed; set them from the scanner's geometry"
         )
-    check_kind(str(path), file.get_data_dtype())
+    _check_kind(path, file.get_data_dtype())
     try:
         unit = file.header.get_xyzt_units()[0]
         if path.suffix == ".gz":  # nibabel stops before the checksum

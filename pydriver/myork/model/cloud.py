@@ -1,6 +1,6 @@
 """Points of a model from labels and fibers."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +13,6 @@ from myork.model.architecture import long_axis
 from myork.model.boundary import Boundary, bone_beside, boundary_sets, surface_offsets
 from myork.model.fibers import activation_at_points, fibers_at_points
 from myork.model.flow import flow_fibers
-from myork.model.prism import extruded
 from myork.model.shares import LabelParts, checked_parts, label_shares
 from myork.records import Image, Labels, PointCloud, Voxels
 
@@ -23,8 +22,6 @@ _FEW_AT_END = 6
 _TIP, _BLUNT = 0.05, 0.2
 # Ends of a model along x, y, z
 _SIDES = ({"x0", "x1"}, {"y0", "y1"}, {"bottom", "top"})
-# The tip of a bent bracket moves 2 % too little with 4 source points across, 1 % with 8.
-_FEW_ACROSS = 4
 
 
 class Body(NamedTuple):
@@ -110,7 +107,7 @@ def build_cloud(
     if fibers is not None:
         fiber = fibers_at_points(canonical(fibers), whole, at, label, block)
 
-    warnings += [*_tips(chosen, held), *_doubts(coarse, boundary, step)]
+    warnings += [*_tips(chosen, held), *_doubts(coarse, boundary)]
     shares, numbers = shares[:, shares.any(axis=0)], numbers[shares.any(axis=0)]
     fraction = shares / filled[:, np.newaxis]
     factor = length_factor(unit)
@@ -149,8 +146,8 @@ def _prepared(
     labels, fibers, activation, fractions = body
     if "extrude" in table:
         length = table["extrude"]
-        labels = extruded(labels, length)
-        fibers, activation, fractions = (one and extruded(one, length) for one in body[1:])
+        labels = points.extruded(labels, length)
+        fibers, activation, fractions = (one and points.extruded(one, length) for one in body[1:])
         progress(f"a prism of {length:g} mm: {labels.data.shape[2]} times the slice")
     if table["flow"]:
         labels = canonical(labels)
@@ -197,7 +194,7 @@ def _tips(chosen: Labels, held: Collection[str | None]) -> list[str]:
     ]
 
 
-def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str]:
+def _doubts(coarse: Labels, boundary: Boundary) -> list[str]:
     """Sentences about what may trouble the solution."""
     body = coarse.data > 0
     warnings = []
@@ -210,26 +207,9 @@ def _doubts(coarse: Labels, boundary: Boundary, step: Sequence[int]) -> list[str
                 f"set {name} has {count} points only; lower build.collocation_stride, or cut the "
                 "muscle where it is thicker (build.slices)"
             )
-    warnings += _slender(coarse, step)
     if not np.array_equal(frame(coarse.affine), np.eye(3)):
         warnings.append(
             "the image is rotated against the world axes: the model's x, y, z are the voxel axes "
             "nearest to right, anterior, superior; fibers were turned with them"
         )
     return warnings
-
-
-def _slender(coarse: Labels, step: Sequence[int]) -> list[str]:
-    """Sentences about the body and tissues with few source points across."""
-    body = coarse.data > 0
-    numbers = np.unique(coarse.data[body]).tolist()
-    parts = {"the body": body}
-    if len(numbers) > 1:
-        parts |= {coarse.label_name(number): coarse.data == number for number in numbers}
-    across = {name: points.points_across(part, step) for name, part in parts.items()}
-    return [
-        f"{name} has {count:.2g} source points across its thickness; fewer than {_FEW_ACROSS} "
-        "make it too stiff where it bends (lower build.source_stride, or give a finer label map)"
-        for name, count in across.items()
-        if count < _FEW_ACROSS
-    ]

@@ -6,12 +6,13 @@ this is the world frame.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.imaging.geometry import block_sums, frame, to_voxels
+from myork.imaging.geometry import Grid, block_sums, canonical, frame, to_voxels
 from myork.records import Labels
 from myork.types import F64, I32, Index, Mask
 
@@ -58,6 +59,25 @@ def select(
             f"{labels.name}: slices {low} to {high} contain none of the model's labels"
         )
     return _moved(labels, part, np.array([0, 0, low]), np.ones(3))
+
+
+def extruded(image: Grid, length: float) -> Grid:
+    """A single slice extruded to a prism of slices about as thick as its pixels are wide.
+
+    - `image`: one slice across the axis nearest to superior, however thick
+    - `length`: length of the prism, centred on the slice [mm]
+    """
+    slice_ = canonical(image)
+    if slice_.data.shape[2] != 1:
+        raise InputError(
+            f"{image.name}: build.extrude makes a prism of a single slice across the axis nearest "
+            f"to superior, and this image has {slice_.data.shape[2]} of them; leave it out"
+        )
+    count = max(2, round(length / float(slice_.spacing[:2].max())))
+    affine = slice_.affine.copy()
+    affine[:3, 2] *= length / (count * slice_.spacing[2])
+    affine[:3, 3] -= 0.5 * (count - 1) * affine[:3, 2]
+    return replace(slice_, data=np.repeat(slice_.data, count, axis=2), affine=affine)
 
 
 def coarsen(labels: Labels, block: Sequence[int], merge: str = "majority") -> Labels:
@@ -178,26 +198,6 @@ def blunt_ends(body: Mask, least: float) -> tuple[int, int]:
     area = body.sum(axis=(0, 1))
     full = np.flatnonzero(area >= least * area.max())
     return int(full[0]), int(full[-1])
-
-
-def points_across(body: Mask, step: Sequence[int]) -> float:
-    """Source points across a body, in the median of its voxels: the least of both directions.
-
-    Bodies of voxels are fixed at their ends: directions along slices count, that across does not.
-
-    - `body`: voxels of the body, shape `(ni, nj, nk)`
-    - `step`: distance of source points in each direction [voxel]
-    """
-    least = np.full(int(body.sum()), np.inf)
-    for d in range(2):
-        lines = np.moveaxis(body, d, -1)
-        # pieces are connected along d only; a piece is a line of voxels
-        along = np.zeros((3, 3, 3))
-        along[1, 1, :] = 1
-        pieces, _ = ndimage.label(lines, along)
-        length = np.bincount(pieces.ravel())[np.moveaxis(pieces, -1, d)[body]]
-        least = np.minimum(least, 1 + (length - 1) / step[d])
-    return float(np.median(least))
 
 
 def source_voxels(body: Mask, step: Sequence[int]) -> Index:

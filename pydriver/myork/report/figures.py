@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import FormatStrFormatter, LogLocator, MaxNLocator
+from matplotlib.ticker import MaxNLocator
 
 from myork.report.numbers import labelled
 from myork.types import F64
@@ -151,48 +151,16 @@ def _as_columns(values: Sequence[Any], width: int = 1) -> F64:
     return np.array(rows).reshape(-1, width)
 
 
-def rom_figure(rom: Mapping[str, Any]) -> Figure:
-    """Decay of the modes, error against number of modes, error against speed-up.
-
-    Of `rom` of the summary, on logarithmic scales.
-    """
-    figure = Figure(figsize=(11.0, 3.6), layout="constrained")
-    decay, errors, speed = figure.subplots(1, 3)
+def decay_figure(rom: Mapping[str, Any]) -> Figure:
+    """Decay of the modes, of `rom` of the summary, on a logarithmic scale."""
+    figure, (decay,) = panels_of(1)
     pov = np.asarray(rom.get("pov", []), dtype=float)
-    models = rom.get("models", [])
     if pov.size and pov[0] > 0.0:
         relative = np.where(pov > 0.0, pov / pov[0], np.nan)
         decay.semilogy(np.arange(1, len(pov) + 1), relative, "o-", color=COLOURS[0], markersize=4)
-        for model in models:
+        for model in rom.get("models", []):
             decay.axvline(model["r"], color=GREY, linewidth=0.8, linestyle=":")
         decay.xaxis.set_major_locator(MaxNLocator(integer=True))
     decay.set(xlabel="mode (dotted: sizes used)", ylabel="orthogonal value / first [-]")
-    models = sorted(models, key=lambda model: model["r"])
-    modes = [model["r"] for model in models]
-    look = {"color": COLOURS[0], "marker": MARKERS[0], "markersize": 5}
-    errors.semilogy(modes, _column(models, "e1"), "-", label="e₁", **look)
-    errors.semilogy(modes, _column(models, "e2"), "--", label="e₂", markerfacecolor="none", **look)
-    speed.loglog(_column(models, "speedup_vs_full"), _column(models, "e1"), "-", **look)
-    for model in models:
-        if model.get("speedup_vs_full") and model.get("e1"):
-            speed.annotate(
-                f"r = {model['r']}", (model["speedup_vs_full"], model["e1"]),
-                xytext=(6, 5), textcoords="offset points", fontsize="small",
-            )  # fmt: skip
-    errors.xaxis.set_major_locator(MaxNLocator(integer=True))
-    errors.set(xlabel="modes r", ylabel="error [-]")
-    speed.set(xlabel="speed-up over the full solution", ylabel="displacement error e₁ [-]")
-    speed.margins(0.25)
-    speed.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    speed.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-    errors.legend(frameon=False, fontsize="small")
-    for axes in (decay, errors, speed):
-        axes.grid(color="#E5E5E5")
-        axes.minorticks_off()
+    decay.minorticks_off()
     return figure
-
-
-def _column(models: Sequence[Mapping[str, Any]], key: str) -> F64:
-    """Values for a logarithmic axis: what is missing or zero becomes a gap."""
-    values = np.array([model.get(key) or np.nan for model in models], dtype=float)
-    return np.where(values > 0.0, values, np.nan)

@@ -59,7 +59,6 @@ def _page(folder: RunFolder) -> Page:
             Section("run", "The run", _run(folder)),
         ),
         badges=_badges(summary),
-        about=_about(summary),
         story=story(folder),
         warnings=_warnings(folder),
         footer=Markup(
@@ -93,21 +92,6 @@ def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
         yield "bad", f"✗ {reached or 'no solution'}"
     if is_phantom(summary):
         yield "unsure", "phantom data"
-
-
-def _about(summary: Mapping[str, Any]) -> str:
-    """One line: method, sizes and time."""
-    if "source_points" not in summary:
-        return "Output of MyoRK"
-    sizes = ("dimension", "source_points", "collocation_points", "dofs")
-    line = Markup("{}, {}-D, {} source points, {} collocation points, {} unknowns").format(
-        summary["method"], *(number(summary.get(size)) for size in sizes)
-    )
-    total, threads = summary.get("timings_s", {}).get("total"), summary.get("threads")
-    if total is None:
-        return line
-    word = "thread" if threads == 1 else "threads"
-    return Markup("{}, {} s by {} {}").format(line, number(total, 3), number(threads), word)
 
 
 def _warnings(folder: RunFolder) -> list[str]:
@@ -144,8 +128,6 @@ def _images(folder: RunFolder) -> Iterator[Markup]:
             "Materials of the leg: contour of each on the image.",
         )
         yield tables.label_table(folder.summary.get("tissue", {}), units)
-    if moved := folder.summary.get("resampled"):
-        yield tables.resampled_table(moved)
     if muscles := folder.summary.get("model", {}).get("muscles"):
         yield tables.muscle_table(muscles)
 
@@ -161,14 +143,9 @@ def _deformation(folder: RunFolder) -> Iterator[Markup]:
         return
     units = folder.summary.get("units", {})
     caption = Markup(
-        "Load {}, activation {}: the deformed body, to scale; largest displacement {} {}. "
-        "All steps open in ParaView: <code>results.vtkhdf</code>."
-    ).format(
-        fraction(float(deformation.loads[-1])),
-        fraction(float(deformation.activations[-1])),
-        number(float(deformation.size.max())),
-        units.get("length", "?"),
-    )
+        "Load {}, activation {}: the deformed body, to scale. All steps open in ParaView: "
+        "<code>results.vtkhdf</code>."
+    ).format(fraction(float(deformation.loads[-1])), fraction(float(deformation.activations[-1])))
     missing = int(np.count_nonzero(np.isnan(deformation.stress)))
     if missing:
         caption = Markup(
@@ -228,12 +205,8 @@ def _rom(folder: RunFolder) -> Iterator[Markup]:
     if not rom:
         return
     models = rom.get("models", [])
-    caption = Markup(
-        "Left: decay of the orthogonal values of {} snapshots. Middle: errors of displacement "
-        "(e<sub>1</sub>) and displacement gradient (e<sub>2</sub>). Right: what a given speed-up "
-        "costs in accuracy."
-    )
-    yield figure(figures.rom_figure(rom), caption.format(number(rom.get("snapshots"))))
+    caption = Markup("Decay of the orthogonal values of {} snapshots.")
+    yield figure(figures.decay_figure(rom), caption.format(number(rom.get("snapshots"))))
     yield tables.rom_table(models)
     own = rom.get("full", {}).get("probes", {})
     units = {name: unit for name, unit in probe_units(summary).items() if name in own}
@@ -244,9 +217,5 @@ def _rom(folder: RunFolder) -> Iterator[Markup]:
 
 def _run(folder: RunFolder) -> Iterator[Markup]:
     """Method, solver, timings."""
-    summary = folder.summary
-    if "method" in summary:
-        yield tables.run_table(summary)
-    timings = summary.get("timings_s", {})
-    if timings:
-        yield tables.timing_table(timings, summary.get("memory_peak_bytes"))
+    if "method" in folder.summary:
+        yield tables.run_table(folder.summary)

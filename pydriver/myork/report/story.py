@@ -138,15 +138,6 @@ def _came_out(
             number(float(deformation.stress[tense]), 3), unit_of(units, "stress"),
             _place(deformation, tense),
         )  # fmt: skip
-    models = [m for m in summary.get("rom", {}).get("models", []) if m.get("e1")]
-    if models:
-        best = min(models, key=lambda model: model["e1"])
-        yield Markup(
-            "A reduced model of {} {} is {} times faster, with an error of {} in displacement"
-        ).format(
-            best["r"], "mode" if best["r"] == 1 else "modes",
-            number(best.get("speedup_vs_full"), 2), number(best["e1"], 2),
-        )  # fmt: skip
 
 
 def _place(deformation: Deformation, point: int) -> str:
@@ -182,19 +173,6 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         yield Markup("Error bars: at most {} % of the value ({})").format(
             number(100.0 * worst, 2), name
         )
-    second = summary.get("companion", {})
-    if second.get("difference") is not None and second.get("method"):
-        points = (
-            "the same points"
-            if second.get("same_points")
-            else Markup("{} points instead of {}").format(
-                number(second.get("source_points")), number(summary.get("source_points"))
-            )
-        )
-        yield Markup("A second solution ({}, {}) differs by {} {} in displacement (rms)").format(
-            second["method"], points, number(second["difference"], 2),
-            summary.get("units", {}).get("length", "?"),
-        )  # fmt: skip
     if summary.get("force_imbalance") is not None:
         yield Markup("Force imbalance {} of the largest force").format(
             number(summary["force_imbalance"], 2)
@@ -231,13 +209,3 @@ def _data(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         yield f"Body: {source or deck['geometry'].get('file', 'a model file')}"
     elif deck.get("geometry"):
         yield "No images: the body is defined by the deck"
-    scores = [
-        (name, own["dice"])
-        for name, own in segmentation.get("scores", {}).items()
-        if own.get("dice") is not None
-    ]
-    if scores:
-        each = Markup(", ").join(
-            Markup("{} {}").format(name, number(dice, 3)) for name, dice in scores
-        )
-        yield Markup("Segmentation against the truth: Dice {}").format(each)

@@ -15,13 +15,13 @@ from matplotlib.figure import Figure
 import myork
 from myork.errors import FileError
 from myork.report.figures import panels_of
-from myork.report.frame import Answer, Page, Section, figure, folded, table
+from myork.report.frame import Answer, Page, Section, figure, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
 from myork.types import F64
 
 #: Finished points of a sweep, by which its folder is known
 SWEEP_FILE = "points.jsonl"
-#: Probes, keys, and rows of tables that are shown
+#: Probes, keys, and kinds of messages that are shown
 _MOST_PROBES, _MOST_KEYS, _MOST_ROWS = 6, 8, 60
 #: Colour and mark of the points of each verdict
 VERDICTS = {
@@ -154,7 +154,6 @@ def sweep_page(sweep: SweepFolder) -> Page:
         sections=(
             Section("trends", "Trends", _trends(sweep)),
             Section("failures", "What to look at", _failures(sweep)),
-            Section("points", "All points", _points(sweep)),
         ),
         badges=[*badges, *([("unsure", f"{sweep.left} to do")] if sweep.left else [])],
         story=_story(sweep),
@@ -260,20 +259,3 @@ def _failures(sweep: SweepFolder) -> Iterator[Markup]:
 
 def _kind(message: str) -> str:
     return re.sub(r"[-+]?\d[\d.eE+-]*", "#", message)
-
-
-def _points(sweep: SweepFolder) -> Iterator[Markup]:
-    head = [key.name for key in sweep.keys]
-    head += [labelled(probe.name, probe.unit) for probe in sweep.probes]
-    rows = [
-        [
-            *(plain(key.values[k]) for key in sweep.keys),
-            *(number(float(probe.values[k])) for probe in sweep.probes),
-            verdict,
-        ]
-        for k, verdict in enumerate(sweep.verdicts[:_MOST_ROWS])
-    ]
-    caption = (
-        f"The first {len(rows)} points; all: sweep.csv" if len(rows) < sweep.total else "Points"
-    )
-    yield folded(caption, table([*head, "verdict"], rows))

@@ -1,7 +1,6 @@
 """Tables of a report: every number with its unit."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 from markupsafe import Markup
@@ -9,13 +8,6 @@ from markupsafe import Markup
 from myork.report.frame import table
 from myork.report.numbers import DASH, fraction, labelled, number, typeset, unit_of, with_error
 from myork.summary import printed
-
-_STAGES = {
-    "shape": "shape functions",
-    "assemble": "assembly",
-    "solve": "linear solver",
-    "output": "output",
-}
 
 
 def run_table(summary: Mapping[str, Any]) -> Markup:
@@ -62,6 +54,16 @@ def _sets(summary: Mapping[str, Any]) -> str:
     return Markup("<br>").join(lines) or DASH
 
 
+def _times(summary: Mapping[str, Any]) -> str:
+    parts = summary.get("timings_s", {}).items()
+    return Markup(", ").join(Markup("{} {}").format(k, number(s, 3)) for k, s in parts) or DASH
+
+
+def _memory(summary: Mapping[str, Any]) -> str:
+    peak = summary.get("memory_peak_bytes")
+    return DASH if peak is None else Markup("{} MiB").format(number(peak / 2**20, 3))
+
+
 #: Rows of the table of a run: what stands there of a summary
 _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "method": lambda own: str(own.get("method") or DASH),
@@ -75,6 +77,8 @@ _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "backward error, largest": lambda own: number(own.get("solver", {}).get("backward_error"), 2),
     "load steps, iterations": _iterations,
     "threads": _of("threads"),
+    "wall time [s]": _times,
+    "memory, largest": _memory,
     "units": lambda own: (
         ", ".join(f"{k} {typeset(u)}" for k, u in own.get("units", {}).items()) or DASH
     ),
@@ -201,29 +205,3 @@ def muscle_table(muscles: Sequence[Mapping[str, Any]]) -> Markup:
         "length of fibers"
     )
     return _listed(muscles, columns, caption, 3)
-
-
-def resampled_table(moved: Sequence[Mapping[str, Any]]) -> Markup:
-    """Images that were brought onto the grid of a run, and how."""
-    columns = {
-        "station": lambda own: str(own.get("station", DASH)),
-        "file": lambda own: Path(own["file"]).name,
-        "how": lambda own: str(own["how"]),
-        "corners of the grids apart [mm]": _of("shift", 3),
-    }
-    return _listed(moved, columns, "Images resampled to another grid", 4)
-
-
-def timing_table(timings: Mapping[str, Any], memory: Any) -> Markup:
-    """Seconds of each stage with its share, and the largest memory."""
-    total = timings.get("total")
-    rows: list[tuple[str, str, str]] = []
-    for key, seconds in timings.items():
-        if key == "total":
-            continue
-        share = 100.0 * seconds / total if seconds is not None and total else None
-        rows.append((_STAGES.get(key, key), number(seconds, 3), number(share, 2)))
-    rows.append(("total", number(total, 3), number(100 if total else None)))
-    if memory is not None:
-        rows.append(("memory, largest", Markup("{} MiB").format(number(memory / 2**20, 3)), ""))
-    return table(("stage", "wall time [s]", "share [%]"), rows, "Timings by stage")

@@ -35,20 +35,16 @@ class Tests(NamedTuple):
 
 
 def compare(
-    rom: ReducedModel, full: FullModel, points: int, seed: int, progress: ProgressCallback
+    rom: ReducedModel, full: FullModel, points: int | F64, seed: int, progress: ProgressCallback
 ) -> dict[str, Any]:
-    """Errors and times at unseen points of the range: what `check.json` holds."""
-    return compare_at(rom, full, spread_points(rom.parameters, points, seed), seed, progress)
-
-
-def compare_at(
-    rom: ReducedModel, full: FullModel, values: F64, seed: int, progress: ProgressCallback
-) -> dict[str, Any]:
-    """The same at values of the parameters, shape `(n, p)`.
+    """Errors and times at unseen points: what `check.json` holds.
 
     Displacements are compared in L2 over the body, with that of the same state (`median`, `p95`,
     `max`) and with the largest of all states (`max_of_largest`).
+
+    - `points`: how many, spread over the range, or values of the parameters, shape `(n, p)`
     """
+    values = spread_points(rom.parameters, points, seed) if isinstance(points, int) else points
 
     def guess(values: F64) -> list[F64 | None]:
         found = rom.batch(values)
@@ -231,7 +227,6 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
         "indicator_ratio": {"min": float(ratio[good].min()), "max": float(ratio[good].max())},
         "spearman": float(spearmanr(estimate[good], relative[good])[0]),
         "full_cpu_s_per_state": float(np.mean([state.cpu_s for state in states])),
-        "full_started": sum(state.started for state in states),
         "cells": rom.head["cells"],
         "modes": rom.modes,
         "parameters": values.tolist(),

@@ -123,12 +123,10 @@ class ReducedState:
         found = (
             f"  {name} {_six_digits(v)} {units[name]}".rstrip() for name, v in self.probes.items()
         )
-        return "\n".join([f"at {given}", *found, self._quality()])
-
-    def _quality(self) -> str:
         error = f"estimated relative error of the displacement {self.indicator:.1e}"
         held = "within the tolerance of the training" if self.certified else "not certified"
-        return "; ".join([f"{error}, {held}", *self.doubts])
+        quality = "; ".join([f"{error}, {held}", *self.doubts])
+        return "\n".join([f"at {given}", *found, quality])
 
     def __repr__(self) -> str:
         return "ReducedState(" + ", ".join(f"{k}={v}" for k, v in self.as_dict().items()) + ")"

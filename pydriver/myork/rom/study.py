@@ -8,9 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.console import ProgressCallback, silent
-from myork.core.deck import load_deck
+from myork.core.deck import load_deck, step_count
 from myork.core.scene import Scene
-from myork.core.snapshots import step_count
 from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.rom.basis import proper_orthogonal_modes

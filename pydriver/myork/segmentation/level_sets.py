@@ -26,6 +26,10 @@ from myork.segmentation.starts import (
 )
 from myork.types import F64, I32, Mask
 
+# Weight of the areas inside, width of the step function (3.16), and the largest time step, which is
+# halved where the energy would increase [-]
+_NU, _EPSILON, _STEP = 0.0, 0.5, 500.0
+
 
 @dataclass(frozen=True)
 class LevelSets:
@@ -38,10 +42,6 @@ class LevelSets:
     #: `otsu` (threshold of the first channel, two regions) or `kmeans`, without a map to start from
     start: str = "kmeans"
     iterations: int = 300  #: Largest number of iterations
-    volume: bool = False  #: Whether the slices are one volume; else each is a problem of its own
-    nu: float = 0.0  #: Weight of the areas inside [-]
-    epsilon: float = 0.5  #: Width of the step function (3.16) [-]
-    dt: float = 500.0  #: Largest time step; halved where the energy would increase [-]
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], **changes: Any) -> "LevelSets":
@@ -55,10 +55,10 @@ class Regions:
     """Result of a segmentation into regions."""
 
     region: I32  #: Number of the region, -1 where the image takes no part, shape `(ni, nj, nk)`
-    iterations: I32  #: Iterations of each slice, or of the volume, shape `(nblock,)`
+    iterations: I32  #: Iterations of each slice, shape `(nk,)`
     #: Energy (3.29) of all slices together after each iteration, shape `(iterations,)` [-]
     energy: F64
-    unrest: int  #: Slices (or volumes) whose regions still changed at the last iteration
+    unrest: int  #: Slices whose regions still changed at the last iteration
 
 
 def segment_regions(
@@ -102,13 +102,13 @@ def segment_regions(
         first,
         spacing=tuple((np.asarray(spacing) / np.min(spacing)).tolist()),
         mu=_contour_weights(choice.mu, choice.regions),
-        nu=choice.nu,
-        epsilon=choice.epsilon,
-        dt=choice.dt,
+        nu=_NU,
+        epsilon=_EPSILON,
+        dt=_STEP,
         tolerance=choice.tolerance,
         iterations=choice.iterations,
         lambdas=np.broadcast_to(weights, (choice.regions, weights.size)).T,
-        volume=choice.volume,
+        volume=False,
     )
     found = np.where(region, regions_of(result["phi"], choice.regions), -1).astype(np.int32)
     done = result["iterations"]
@@ -161,4 +161,4 @@ def _first_level_sets(
     else:
         first = np.zeros(region.shape, np.int32)
         first[region] = kmeans(channels[region] * np.sqrt(weights), choice.regions)[0]
-    return level_sets_of(first, choice.regions, choice.volume)
+    return level_sets_of(first, choice.regions)

@@ -70,12 +70,11 @@ def level_sets_for(regions: int) -> int:
     return max(int(regions - 1).bit_length(), 1)
 
 
-def level_sets_of(region: I32, regions: int, volume: bool) -> F64:
+def level_sets_of(region: I32, regions: int) -> F64:
     """Level sets whose signs give a map of regions.
 
     - `region`: region of each voxel, 0 to `regions - 1`, shape `(ni, nj, nk)`
     - `regions`: number of regions
-    - `volume`: whether to smooth across slices as well
     - returns shape `(ni, nj, nk, level_sets_for(regions))`; positive inside, where bit `level` of
       the region's number is set [-]
     """
@@ -83,11 +82,10 @@ def level_sets_of(region: I32, regions: int, volume: bool) -> F64:
         raise InputError(
             f"the start has {region.max() + 1} regions, image.regions is {regions}; raise it"
         )
-    blur = (_BLUR, _BLUR, _BLUR if volume else 0.0)
     phi = np.empty((*region.shape, level_sets_for(regions)), order="F")
     for level in range(phi.shape[-1]):
         sign = 2.0 * ((region >> level) & 1) - 1.0
-        phi[..., level] = _HEIGHT * ndimage.gaussian_filter(sign, blur, truncate=3.0)
+        phi[..., level] = _HEIGHT * ndimage.gaussian_filter(sign, (_BLUR, _BLUR, 0.0), truncate=3.0)
     return phi
 
 

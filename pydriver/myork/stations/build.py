@@ -62,9 +62,8 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     left_out = {*table["bone"]}
     if table["ids"]:
         left_out |= {*np.unique(body.labels.data).tolist()} - {*table["ids"]}
-    strangers = _strangers(body.labels, deck.get("material", []), left_out)
-    strangers += _cut(body.labels, deck.get("material", []))
-    model = _record(cloud, [*files.grid.doubts, *strangers, *warnings])
+    warnings = [*_cut(body.labels, deck.get("material", [])), *warnings]
+    model = _record(cloud, [*files.grid.doubts, *warnings])
     model["muscles"] = _muscles(body, left_out, maps, unit, progress)
     heads = dict.fromkeys(head for row in model["muscles"] for head in row)
     write_csv(out / "muscles.csv", heads, [row.values() for row in model["muscles"]])
@@ -72,7 +71,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
         f"{model['source_points']} source points, {model['collocation_points']} collocation "
         f"points, boundary: {', '.join(f'{n} {s}' for s, n in model['boundary_points'].items())}"
     )
-    for text in (*strangers, *warnings):
+    for text in warnings:
         progress(f"warning: {text}")
     return {"model": model, "grid": files.grid}
 
@@ -146,25 +145,6 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
     labels = replace(labels, names=names | labels.names)
     fibers = None if files.table["flow"] else files.image("fibers", labels, 3)
     return Body(labels, fibers, fractions=files.image("fractions", labels, None))
-
-
-def _strangers(
-    labels: Labels, materials: Sequence[Mapping[str, Any]], left_out: Collection[int]
-) -> list[str]:
-    """Labels without a material and materials without a voxel, which a solve will refuse."""
-    wanted = {own["label"]: own["name"] for own in materials if "label" in own}
-    there = {int(label) for label in np.unique(labels.data)} - {0, *left_out}
-    if not wanted or any("label" not in own for own in materials):
-        return []
-    return [
-        f"material {wanted[label]}: no voxel has its label {label}; the labels are "
-        f"{', '.join(map(str, sorted(there)))}"
-        for label in sorted(wanted.keys() - there)
-    ] + [
-        f"label {label} has no material: add a [[material]] with label = {label}, or set its "
-        "voxels to 0"
-        for label in sorted(there - wanted.keys())
-    ]
 
 
 def _cut(labels: Labels, materials: Sequence[Mapping[str, Any]]) -> list[str]:

@@ -5,9 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from myork.console import ProgressCallback
-from myork.core.deck import load_deck
-from myork.core.snapshots import step_count
+from myork.console import ProgressCallback, say
+from myork.core.cloud import model_path
+from myork.core.deck import load_deck, step_count
+from myork.errors import FileError
 from myork.imaging.io import read_image
 from myork.stations.solve import run_executable, set_options
 
@@ -17,7 +18,7 @@ def explain_deck(
     *,
     out: str | Path | None = None,
     overrides: Sequence[str] = (),
-    progress: ProgressCallback = print,
+    progress: ProgressCallback = say,
 ) -> None:
     """Say what a deck will model: images, sizes, memory and cost; refuse what does not fit.
 
@@ -25,9 +26,11 @@ def explain_deck(
     - `progress`: called with every line of the explanation
     """
     values = load_deck(deck, overrides)
-    geometry = values.get("geometry")
     folder = Path("out", Path(deck).stem) if out is None else Path(out)
-    if (geometry is None or geometry["kind"] == "model") and not _has_model(values, folder):
+    try:
+        model_path(values, Path(values["folder"]), folder)
+    except (FileError, KeyError):
+        # its points are not there yet, or not wanted
         for line in _stations(values):
             progress(line)
         return
@@ -75,15 +78,6 @@ def stations_of(values: Mapping[str, Any]) -> list[str]:
         return solved
     made = "labels" in values["build"] or "surface" in values["build"]
     return [*([] if made else ["segment"]), "build", *solved]
-
-
-def _has_model(values: Mapping[str, Any], out: Path) -> bool:
-    """Whether the model of a deck that wants one is there."""
-    geometry = values.get("geometry")
-    if geometry is None:
-        return False
-    folders = (out, Path(values["folder"]))
-    return any((folder / geometry["file"]).is_file() for folder in folders)
 
 
 def _stations(values: Mapping[str, Any]) -> list[str]:

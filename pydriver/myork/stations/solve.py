@@ -10,16 +10,14 @@ import signal
 import subprocess
 import sys
 import tempfile
-import threading
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import numpy as np
 
 from myork.console import ProgressCallback, silent
+from myork.core.calls import interrupts_held
 from myork.core.deck import text_of_tables
 from myork.errors import (
     ConvergenceError,
@@ -172,8 +170,13 @@ def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressC
         except OSError as error:
             raise InstallationError(f"{executable} does not start: {error}") from error
         stopped = False
+
+        def hand_over(count: int) -> None:
+            # not SIGINT: what a shell starts in the background inherits that it is ignored
+            child.kill() if count > 1 else child.send_signal(signal.SIGTERM)
+
         try:
-            with _handing_signals_to(child) as signals:
+            with interrupts_held(hand_over, all_handlers=True) as signals:
                 assert child.stdout is not None
                 for line in child.stdout:
                     progress(line.rstrip("\n"))
@@ -186,35 +189,6 @@ def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressC
         complaints.seek(0)
         message = complaints.read().decode("utf-8", "replace").strip()
     _check_status(status, message, stopped, progress)
-
-
-@contextmanager
-def _handing_signals_to(child: subprocess.Popen[str]) -> Iterator[list[int]]:
-    """Hand SIGINT and SIGTERM to the child as SIGTERM; yield the list of those handed over.
-
-    What a shell starts in the background inherits that SIGINT is ignored, and the child keeps to
-    that.
-    """
-    handed: list[int] = []
-
-    def hand_over(number: int, frame: FrameType | None) -> None:
-        if handed:
-            child.kill()
-        else:
-            child.send_signal(signal.SIGTERM)
-        handed.append(number)
-
-    # Only the main thread may set handlers, and only it receives Ctrl-C.
-    if threading.current_thread() is not threading.main_thread():
-        yield handed
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, hand_over) for number in numbers]
-    try:
-        yield handed
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)
 
 
 def _check_status(status: int, message: str, stopped: bool, progress: ProgressCallback) -> None:

@@ -4,7 +4,7 @@ import inspect
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import myork
 from myork.console import ProgressCallback, silent
@@ -17,35 +17,14 @@ from myork.summary import renewing, update_summary, with_others
 Work = Callable[[Mapping[str, Any], Path, ProgressCallback], dict[str, Any]]
 
 
-class Station(Protocol):
-    """A function of a deck and a folder."""
-
-    def __call__(
-        self,
-        deck: str | Path | Mapping[str, Any],
-        out: str | Path,
-        *,
-        overrides: Sequence[str] = (),
-        threads: int | None = None,
-        progress: ProgressCallback = silent,
-    ) -> dict[str, Any]:
-        """Do the work of the station.
-
-        - `deck`: deck file, or its tables as data
-        - `overrides`: overrides of the deck, `"table.key=value"`
-        - `threads`: number of threads of the compiled core; default all cores
-        - returns what was added to `summary.json`
-        """
-
-
-def station(command: str, *parts: str) -> Callable[[Work], Station]:
+def station(command: str, *parts: str) -> Callable[[Work], Callable[..., dict[str, Any]]]:
     """Make a station of its work.
 
     - `command`: command that the deck is read for
     - `parts`: entries of `summary.json` that the work makes; the head of the summary is added
     """
 
-    def made(work: Work) -> Station:
+    def made(work: Work) -> Callable[..., dict[str, Any]]:
         def run(
             deck: str | Path | Mapping[str, Any],
             out: str | Path,
@@ -54,6 +33,13 @@ def station(command: str, *parts: str) -> Callable[[Work], Station]:
             threads: int | None = None,
             progress: ProgressCallback = silent,
         ) -> dict[str, Any]:
+            """Do the work.
+
+            - `deck`: deck file, or its tables as data
+            - `overrides`: overrides of the deck, `"table.key=value"`
+            - `threads`: number of threads of the compiled core; default all cores
+            - returns what was added to `summary.json`
+            """
             values, folder = load_deck(deck, overrides, command), Path(out)
             with renewing(folder, *parts), core_threads(threads):
                 try:
@@ -76,7 +62,7 @@ def station(command: str, *parts: str) -> Callable[[Work], Station]:
 
         run.__name__ = run.__qualname__ = work.__name__
         run.__module__ = work.__module__
-        _, _, common = (inspect.getdoc(Station.__call__) or "").partition("\n\n")
+        _, _, common = (inspect.getdoc(run) or "").partition("\n\n")
         run.__doc__ = f"{inspect.getdoc(work)}\n\n{common}"
         return run
 

@@ -132,7 +132,8 @@ def identity(
             continue
         probes = one["probe"]
         if model is None:
-            paths |= _files(one, out)
+            file = model_path(one, Path(one["folder"]), out)
+            paths |= {} if file is None else {f"geometry.file = {one['geometry']['file']}": file}
         else:
             probes = [probe for probe in probes if probe["name"] in model_probes]
         _check_columns(plan.keys, probes, one["scene"]["dimension"], plan.deck)
@@ -159,12 +160,6 @@ def refusal(head: Mapping[str, Any], other: Any, path: Path) -> str:
         f"{path}: is of another sweep, from before {', '.join(changed) or 'its files'} changed: "
         f"put the earlier file back, {anew}"
     )
-
-
-def _files(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
-    """Files that a scene is read from, by the key that names them and its value."""
-    model = model_path(deck, Path(deck["folder"]), out)
-    return {} if model is None else {f"geometry.file = {deck['geometry']['file']}": model}
 
 
 def _check_columns(

@@ -3,6 +3,7 @@
 import math
 import time
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,10 +33,8 @@ _LEAST = 0.1
 _ROUNDING = 1e-9
 #: Part of a range by which sliders go beyond it
 _BEYOND = 0.15
-#: Kinds of parameters that come first
-FIRST = {"activation": 0, "load": 1}
-#: Points of a curve, and curves of a family
-_POINTS, _CURVES = 31, 5
+#: Points of a curve
+_POINTS = 31
 #: Per cent of the values of sample states at either end that have the colour of the end: stresses
 #: of few places are many times those of all others
 _TAIL = 2.0
@@ -53,7 +52,7 @@ class Shown(NamedTuple):
     values: F64  #: The field there, not a number where the body is inside out, shape `(n,)`
 
 
-class Answers:
+class Answers(AbstractContextManager["Answers"]):
     """A reduced model with its full scene, which gives fields; asked by one thread at a time.
 
     - `path`: reduced model
@@ -73,9 +72,6 @@ class Answers:
         self.probes = self._probes()
         self.ranges, self._largest = self._ranges()
         self._bar = self._bar_of_force(path.parent)
-
-    def __enter__(self) -> "Answers":
-        return self
 
     def __exit__(self, *_: object) -> None:
         self._full.close()
@@ -164,7 +160,6 @@ class Answers:
             "indicator": _number(error),
             "inside": bool(batch.inside[0]),
             "converged": bool(batch.converged[0]),
-            "iterations": int(batch.iterations[0]),
             "verdict": verdict,
             "reasons": reasons,
             "J": [_number(j.min()), _number(j.max())],
@@ -172,37 +167,21 @@ class Answers:
         }
         return facts, self.rest + fields.u[self._corners], found
 
-    def curve(
-        self, values: Sequence[float], probe: int, k: int, *, family: bool = False
-    ) -> dict[str, Any] | None:
-        """A probe along a parameter through a state, or a family of such curves.
+    def curve(self, values: Sequence[float], probe: int, k: int) -> dict[str, Any]:
+        """A probe along a parameter through a state.
 
         - `values`: the state
         - `probe`, `k`: places in `probes` and among the parameters
-        - `family`: curves at values of one other parameter, activation first, instead of that
-          through the state itself; None where there is no other
-        - returns `x`, values `at` of the other parameter, its key `of`, and `y`, shape
-          `(curves, n)`; None where no state is
+        - returns the number of the parameter, `x`, and `y`, None where no state is
         """
         if not 0 <= probe < len(self.probes):
             raise InputError(f"probe {probe}: there are {len(self.probes)}")
-        every = self.rom.parameters
-        x = np.linspace(every[k].low, every[k].high, _POINTS)
-        at: list[float] = []
-        of = ""
-        rows = np.tile(np.asarray(values, float), (_CURVES if family else 1, _POINTS, 1))
-        rows[..., k] = x
-        if family:
-            others = sorted(set(range(len(every))) - {k}, key=lambda i: FIRST.get(every[i].kind, 2))
-            if not others:
-                return None
-            other = every[others[0]]
-            at, of = np.linspace(other.low, other.high, _CURVES).tolist(), other.key
-            rows[..., others[0]] = np.array(at)[:, None]
-        batch = self.rom.batch(rows.reshape(-1, rows.shape[2]))
+        own = self.rom.parameters[k]
+        rows = np.tile(np.asarray(values, float), (_POINTS, 1))
+        rows[:, k] = np.linspace(own.low, own.high, _POINTS)
+        batch = self.rom.batch(rows)
         found = np.where(batch.converged, self._values(batch)[:, probe], np.nan)
-        y = [[_number(v) for v in line] for line in found.reshape(-1, _POINTS)]
-        return {"parameter": k, "x": x.tolist(), "at": at, "of": of, "y": y}
+        return {"parameter": k, "x": rows[:, k].tolist(), "y": [_number(v) for v in found]}
 
     def _fields(self, row: F64, amplitudes: F64) -> Fields:
         """Fields of a state, by the full scene: materials and what is prescribed enter them."""

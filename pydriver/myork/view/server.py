@@ -188,10 +188,9 @@ def _curves(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     if not all(0 <= k < count for k in of):
         raise InputError(f"of: numbers of parameters from 0 to {count - 1} are needed")
     values, (probe, *_) = _asked(asked, "p", float), _asked(asked, "probe", int)
-    family = asked.get("family") == "1"
     # one by one: other clients have their turn in between
-    found = [handler.computed(partial(answers.curve, values, probe, k, family=family)) for k in of]
-    return "application/json", json.dumps([one for one in found if one]).encode()
+    found = [handler.computed(partial(answers.curve, values, probe, k)) for k in of]
+    return "application/json", json.dumps(found).encode()
 
 
 def _asked(asked: Asked, key: str, kind: Callable[[str], T]) -> list[T]:

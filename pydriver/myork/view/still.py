@@ -14,12 +14,14 @@ from myork.files import write_text
 from myork.report.frame import render
 from myork.rom.parameters import spread_points
 from myork.types import F64
-from myork.view.answers import FIELDS, FIRST, Answers
+from myork.view.answers import FIELDS, Answers
 
 #: Bytes of all states of a page at most, and their number
 MOST_BYTES, _MOST_STATES = 4_000_000, 400
 #: States along a parameter, the least with which a further parameter gets its slider, and the most
 _LEAST, _MOST = 5, 17
+#: Kinds of parameters that come first
+_FIRST = {"activation": 0, "load": 1}
 #: Other states at which the interpolation is compared with the model
 _TESTS = 16
 
@@ -56,7 +58,7 @@ def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent)
     with Answers(path, threads) as answers:
         about, start = answers.about(), answers.start()
         every = range(len(start))
-        order = sorted(every, key=lambda k: FIRST.get(answers.rom.parameters[k].kind, 2))
+        order = sorted(every, key=lambda k: _FIRST.get(answers.rom.parameters[k].kind, 2))
         stops, axes = _grid(path, order, len(answers.rest))
         chosen = [answers.rom.parameters[k] for k in axes]
         levels = [np.linspace(p.low, p.high, stops) for p in chosen]

@@ -1,4 +1,4 @@
-// Curves in SVG: `lines` with x, y (null: a gap), colour, width; a marker at the state.
+// A curve in SVG: x, y (null: a gap); a marker at the state.
 function ticks(low, high, most) {
   const rough = (high - low) / most, ten = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((k) => k * ten).find((s) => s >= rough);
@@ -7,9 +7,9 @@ function ticks(low, high, most) {
   return found.map((x) => Math.abs(x) < 1e-9 * step ? 0 : x);
 }
 
-function chart(svg, label, side, lines, marker) {
+function chart(svg, label, side, curve, marker) {
   const wide = 330, high = 200, left = 48, right = 10, top = 18, bottom = 34;
-  const xs = lines.flatMap((line) => line.x), ys = lines.flatMap((line) => line.y);
+  const xs = [...curve.x], ys = [...curve.y];
   if (marker) { xs.push(marker[0]); ys.push(marker[1]); }
   const real = ys.filter((y) => y !== null);
   if (!real.length) { svg.replaceChildren(); return; }
@@ -37,15 +37,13 @@ function chart(svg, label, side, lines, marker) {
     add("line", {x1: left, x2: wide - right, y1: py(y), y2: py(y), stroke: "#dfe4ea"});
     add("text", {x: left - 5, y: py(y) + 4, "text-anchor": "end"}, short(y));
   }
-  for (const line of lines) {
-    let path = "", pen = "M";
-    line.x.forEach((x, k) => {
-      if (line.y[k] === null) { pen = "M"; return; }
-      path += `${pen}${px(x).toFixed(1)} ${py(line.y[k]).toFixed(1)}`;
-      pen = "L";
-    });
-    add("path", {d: path, fill: "none", stroke: line.colour, "stroke-width": line.width});
-  }
+  let path = "", pen = "M";
+  curve.x.forEach((x, k) => {
+    if (curve.y[k] === null) { pen = "M"; return; }
+    path += `${pen}${px(x).toFixed(1)} ${py(curve.y[k]).toFixed(1)}`;
+    pen = "L";
+  });
+  add("path", {d: path, fill: "none", stroke: "#0b5c96", "stroke-width": 2.2});
   if (marker && marker[1] !== null)
     add("circle", {cx: px(marker[0]), cy: py(marker[1]), r: 4.5, fill: "#d55e00", stroke: "#fff"});
   add("text", {x: 0.5 * (left + wide - right), y: high - 4, "text-anchor": "middle"}, label);

@@ -67,28 +67,16 @@ const source = {
     return [facts, places, colours];
   },
 
-  // A probe along a parameter: at the states on both sides
-  along(values, k, probe) {
-    const p = about.parameters[k], x = [], y = [];
-    for (let i = 0; i < held.stops; i++) {
-      x.push(p.low + (p.high - p.low) * i / (held.stops - 1));
-      const found = this.around(values.map((own, j) => j === k ? x[i] : own));
-      y.push(found && this.mixed(found, (state) => state.probes[probe]));
-    }
-    return {x, y};
-  },
-
-  async curves(values, probe, of, family) {
-    if (family && values.length < 2) return [];
+  // A probe along parameters: at the states on both sides
+  async curves(values, probe, of) {
     return of.map((k) => {
-      if (!family) {
-        const {x, y} = this.along(values, k, probe);
-        return {parameter: k, x, at: [], of: "", y: [y]};
+      const p = about.parameters[k], x = [], y = [];
+      for (let i = 0; i < held.stops; i++) {
+        x.push(p.low + (p.high - p.low) * i / (held.stops - 1));
+        const found = this.around(values.map((own, j) => j === k ? x[i] : own));
+        y.push(found && this.mixed(found, (state) => state.probes[probe]));
       }
-      const other = k === 0 ? 1 : 0, {key, low, high} = about.parameters[other];
-      const at = [0, 1, 2, 3, 4].map((i) => low + (high - low) * i / 4);
-      const found = at.map((level) => this.along(values.map((own, j) => j === other ? level : own), k, probe));
-      return {parameter: k, x: found[0].x, at, of: key, y: found.map((one) => one.y)};
+      return {parameter: k, x, y};
     });
   },
 };

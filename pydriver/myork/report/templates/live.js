@@ -30,10 +30,8 @@ const source = {
       new Float32Array(buffer, start + 12 * n, n)];
   },
 
-  async curves(values, probe, of, family) {
-    const more = family ? "&family=1" : "";
-    const found = await this.fetched(
-      `curves?p=${values.join(",")}&probe=${probe}&of=${of.join(",")}${more}`);
+  async curves(values, probe, of) {
+    const found = await this.fetched(`curves?p=${values.join(",")}&probe=${probe}&of=${of.join(",")}`);
     return found.json();
   },
 };

@@ -5,10 +5,9 @@ const WORDS = {accepted: ["good", "✓ accepted"], doubtful: ["unsure", "? doubt
   refused: ["bad", "✗ refused"]};
 const body = new Body($("body"));
 const values = [...about.start];
-const shades = ["#c6d4e1", "#a3bfd6", "#7fa9ca", "#5c93be", "#387db2"];
 // a curve along a parameter stays while only that one moves
 const own = about.parameters.map(() => null);
-let wanted = true, busy = false, last = null, families = {}, later = 0, due = 0;
+let wanted = true, busy = false, last = null, due = 0;
 // what a test reads: answers shown, and the values of the last of them
 window.shown = {answers: 0, values: null, probes: null};
 
@@ -78,8 +77,6 @@ async function ask() {
     fail(reason);
   }
   busy = false;
-  clearTimeout(later);
-  later = setTimeout(askFamilies, 150);
 }
 
 async function askCurves(asked) {
@@ -87,28 +84,11 @@ async function askCurves(asked) {
   const marks = asked.map((_, k) => [probe, ...asked.map((x, i) => i === k ? 0 : x)].join());
   const of = asked.map((_, k) => k).filter((k) => !own[k] || own[k].mark !== marks[k]);
   if (of.length)
-    for (const one of await source.curves(asked, probe, of, false))
+    for (const one of await source.curves(asked, probe, of))
       own[one.parameter] = {...one, mark: marks[one.parameter]};
   // a fifth of the time at most
   const now = performance.now();
   due = now + Math.max(200, 4 * (now - start));
-}
-
-async function askFamilies() {
-  if (busy) return;
-  busy = true;
-  try {
-    // one by one: a slider that moves comes first
-    for (let k = 0; k < about.parameters.length && !wanted; k++) {
-      for (const one of await source.curves([...values], $("probe").value, [k], true))
-        families[one.parameter] = one;
-      draw();
-    }
-  } catch (reason) {
-    fail(reason);
-  }
-  busy = false;
-  if (wanted) ask();
 }
 
 function show(asked, facts, places, colours) {
@@ -154,17 +134,11 @@ function bar(facts, of, value) {
 function draw() {
   const probe = about.probes[$("probe").value], charts = $("curves").children;
   own.filter((one) => one).forEach((one) => {
-    const p = about.parameters[one.parameter], family = families[one.parameter];
-    const lines = [];
-    if (family) family.y.forEach((y, k) => lines.push({x: family.x, y, colour: shades[k], width: 1}));
-    lines.push({x: one.x, y: one.y[0], colour: "#0b5c96", width: 2.2});
+    const p = about.parameters[one.parameter];
     const marker = last && last.facts.converged
       ? [last.asked[one.parameter], last.facts.probes[$("probe").value]] : null;
-    const of = family
-      ? `; thin: ${short(family.of)} ${family.at[0].toPrecision(2)} to ${family.at.at(-1).toPrecision(2)}`
-      : "";
-    const label = `${short(p.key)}${p.unit ? ` [${p.unit}]` : ""}${of}`;
-    chart(charts[one.parameter], label, `${probe.name}${probe.unit ? ` [${probe.unit}]` : ""}`, lines, marker);
+    const label = `${short(p.key)}${p.unit ? ` [${p.unit}]` : ""}`;
+    chart(charts[one.parameter], label, `${probe.name}${probe.unit ? ` [${probe.unit}]` : ""}`, one, marker);
   });
 }
 
@@ -179,10 +153,7 @@ function fail(reason) {
 async function begin() {
   makeSliders();
   $("colours").getContext("2d").drawImage(body.bar, 0, 0);
-  for (const id of ["field", "probe"]) $(id).addEventListener("change", () => {
-    if (id === "probe") families = {};
-    ask();
-  });
+  for (const id of ["field", "probe"]) $(id).addEventListener("change", ask);
   try {
     body.surface(...await source.surface());
   } catch (reason) {
