@@ -41,7 +41,7 @@ module rk_minres
 
 contains
 
-subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, gives_up)
+subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, pace)
    class(symmetric_system), intent(in) :: system
    !> Right hand side, shape (size)
    real(wp), contiguous, intent(in) :: b(:)
@@ -56,8 +56,8 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
    !> Tridiagonal matrix of the iteration, whose eigenvalues are like those of P^-1 A: its diagonal
    !> and what stands beside it, shape (2, limit)
    real(wp), intent(inout), optional :: lanczos(:, :)
-   !> Stop as soon as the limit is unlikely to suffice
-   logical, intent(in), optional :: gives_up
+   !> Iterations in which the tolerance should be reached: those that are surely slower are given up
+   integer, intent(in), optional :: pace
    real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:)
    real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3
    integer :: i
@@ -126,8 +126,8 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
       eta = -s*eta
       reached = abs(eta)/first
       if (reached <= tolerance .or. .not. gamma > 0.0_wp) exit
-      if (present(gives_up) .and. iterations >= seen) then
-         if (gives_up .and. reached > tolerance**(sure*iterations/limit)) exit
+      if (present(pace) .and. iterations >= seen) then
+         if (reached > tolerance**(sure*min(iterations, pace)/pace)) exit
       end if
    end do
    iterations = min(iterations, limit)

@@ -79,10 +79,10 @@ module rk_symmetric
    real(wp), parameter :: hopeless = 2.0e10_wp
    !> Rate of its matrix products over that of an iteration with it, both in operations a second [-]
    real(wp), parameter :: faster = 30.0_wp
-   !> Share of the iterations that it is worth which are made with the last one, and the residual
-   !> that they must reach: a step of Newton that is off by so much costs no further iteration; and
-   !> of those with one of its own [-]
-   real(wp), parameter :: tried = 0.6_wp, exact = 1.0e-5_wp, own = 1.0e-8_wp
+   !> Share of the iterations that it is worth in which those with the last one should end, and the
+   !> residual that iterations must reach: a step of Newton that is off by so much costs no further
+   !> one [-]
+   real(wp), parameter :: tried = 0.8_wp, exact = 1.0e-5_wp
    !> Shares of the diagonal that are added to a matrix that is not positive definite, one after the
    !> other
    real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
@@ -490,21 +490,21 @@ subroutine solve_near(self, given, b, x, report, found)
       report%why = 'the tangent is near one that was factorised: minimal residuals with its ' &
          & //'Cholesky factor'
       if (near%ready .and. .not. near%share > 0.0_wp) then
-         call iterate(b, exact, nint(tried*near%cost), x, gives_up=.true.)
+         call iterate(b, nint(near%cost), x, pace=nint(tried*near%cost))
          if (found) return
       end if
       report%why = 'the tangent is large: minimal residuals with its Cholesky factor in single ' &
          & //'precision'
       call factorise(self, given, 0.0_wp)
       if (near%ready) then
-         call refine(own, few)
+         call refine(few)
          if (found) report%used = 'cholesky'
       else
          do k = 1, size(added)
             call factorise(self, given, added(k))
             if (near%ready) exit
          end do
-         if (near%ready) call refine(exact, most)
+         if (near%ready) call refine(most)
          ! not for want of digits
          near%far = .not. (found .or. close)
       end if
@@ -521,8 +521,7 @@ contains
 
    !> Solve for what earlier solves have left, until nothing is: residuals in the norm of the
    !> preconditioner say little of motions that are softer than its digits or its larger diagonal
-   subroutine refine(tolerance, limit)
-      real(wp), intent(in) :: tolerance
+   subroutine refine(limit)
       integer, intent(in) :: limit
       real(wp) :: left(self%n), step(self%n), image(self%n), lanczos(2, limit)
       real(wp) :: last, size_of_step
@@ -535,7 +534,7 @@ contains
       done = 0
       indefinite = .false.
       do pass = 1, passes
-         call iterate(left, tolerance, limit, step, lanczos)
+         call iterate(left, limit, step, lanczos)
          done = done + report%iterations
          indefinite = indefinite .or. has_below(lanczos(:, :report%iterations), -seen)
          close = found
@@ -555,16 +554,15 @@ contains
       report%iterations = done
    end subroutine refine
 
-   subroutine iterate(right, tolerance, limit, solution, lanczos, gives_up)
+   subroutine iterate(right, limit, solution, lanczos, pace)
       real(wp), contiguous, intent(in) :: right(:)
-      real(wp), intent(in) :: tolerance
       integer, intent(in) :: limit
       real(wp), contiguous, intent(inout) :: solution(:)
       real(wp), intent(inout), optional :: lanczos(:, :)
-      logical, intent(in), optional :: gives_up
+      integer, intent(in), optional :: pace
 
-      call minres(system, right, tolerance, limit, solution, report%iterations, &
-         & report%backward_error, lanczos, gives_up)
+      call minres(system, right, exact, limit, solution, report%iterations, &
+         & report%backward_error, lanczos, pace)
       found = report%backward_error <= exact
       if (found) report%used = 'minres'
    end subroutine iterate
@@ -608,7 +606,7 @@ logical function definite(self)
             ! of no symmetry that a mode could have
             b = [(sin(real(k, wp)**2), k=1, self%n)]
             call minres(system, b, exact, min(few, nint(tried*near%cost)), x, iterations, rcond, &
-               & lanczos, gives_up=.true.)
+               & lanczos, pace=nint(tried*near%cost))
             definite = rcond <= exact .and. .not. has_below(lanczos(:, :iterations), clear)
             if (definite) return
          end if

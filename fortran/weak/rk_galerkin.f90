@@ -43,7 +43,7 @@ module rk_galerkin
    use rk_surface_sets, only : find_surface_sets
    use rk_symmetric, only : symmetric_matrix
    use rk_tangent, only : new_tangent, tangent_type
-   use rk_tensor, only : add_cross_form, cross, determinant, identity
+   use rk_tensor, only : add_cross_form, cross, determinant, identity, principal_values
    use rk_text, only : to_text
    use rk_walls, only : new_walls, walls_type
    use rk_weak_conditions, only : add_load, new_pins, prescribed_at, set_conditions, &
@@ -436,6 +436,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
          else
             linear = self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
          end if
+      else if (.not. self%multiplier%free(g)) then
+         linear(1) = linear(1) + active_pressure(self, g, at, load)
       end if
       allocate (c4(3, 3, 3, 3, n))
       if (stacked) allocate (work(4, fields, members), source=0.0_wp)
@@ -499,6 +501,36 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    end if
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
+
+!> First coefficient of the pressure with which active stress at rest is a pull along the fibers
+!> alone: without it the stress across them is a compression, and the tangent at the start of the
+!> first load step is rarely positive definite [stress length^(nd/2)]
+real(wp) function active_pressure(self, g, at, load) result(value)
+   class(galerkin_problem), intent(in) :: self
+   !> Group
+   integer, intent(in) :: g
+   !> State with the deformation of the group; none at rest
+   type(field_state), intent(in) :: at
+   !> Load [-]
+   real(wp), intent(in) :: load
+   real(wp) :: p(3, 3), principal(3), volume
+   integer :: q
+
+   value = 0.0_wp
+   volume = 0.0_wp
+   do q = self%cells%first(g) + 1, self%cells%first(g + 1)
+      if (any(abs(at%f(:, :, q) - identity) > 0.0_wp)) then
+         value = 0.0_wp
+         return
+      end if
+      call self%mixture%stress(size(self%scene%cloud%points, 2) + q, at%f(:, :, q), load, p, &
+         & volumetric=.false.)
+      principal = principal_values(p)
+      value = value - self%cells%weight(q)*principal(3)
+      volume = volume + self%cells%weight(q)
+   end do
+   value = value/(volume*self%pressure%basis(1, self%cells%first(g) + 1))
+end function active_pressure
 
 !> Derivative of the volume ratio by F, of a linear problem that of the trace [-]
 pure function volume_slope(self, f) result(slope)
