@@ -116,14 +116,12 @@ module rk_companion
 
    !> Receiver that keeps a run
    type, extends(recorder_type) :: kept_run
-      !> Receiver of the caller, asked whether to stop
-      class(recorder_type), pointer :: receiver => null()
       !> The run
       type(start_type) :: run
       !> Loads of the states that are kept; all of them where it is not allocated, shape (m) [-]
       real(wp), allocatable :: load(:)
    contains
-      procedure :: begin, iteration, step, stopped
+      procedure :: begin, iteration, step
    end type kept_run
 
 contains
@@ -537,12 +535,5 @@ subroutine step(self, st, x)
    self%run%step = [self%run%step, st]
    self%run%x = reshape([self%run%x, x], [size(x), size(self%run%step)])
 end subroutine step
-
-!> Whether the caller wants to stop
-logical function stopped(self)
-   class(kept_run), intent(inout) :: self
-
-   stopped = self%receiver%stopped()
-end function stopped
 
 end module rk_companion

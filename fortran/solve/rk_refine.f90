@@ -84,8 +84,6 @@ module rk_refine
 
    !> Receiver that ends every solution of a search when its cost is used up
    type, extends(recorder_type) :: limited_type
-      !> Receiver of the caller, asked whether to stop
-      class(recorder_type), pointer :: receiver => null()
       !> CPU time at which solutions are given up [s]
       real(wp) :: deadline = huge(1.0_wp)
    contains
@@ -143,6 +141,7 @@ subroutine refine(self, deck, model, receiver, error)
       if (level == 1 .and. allocated(scene%cloud%lattice)) &
          & self%points = joined(words_of(deck, scene%cloud, cells))
       call new_problem(problem, scene, error)
+      call deck%locate(error)
       if (.not. allocated(error)) then
          call solve(problem, scene, deck, model, within, halvings, run, answer, companion, bars, &
             & error)

@@ -83,12 +83,10 @@ module rk_run
    type, extends(recorder_type) :: watcher_type
       !> Problem whose states arrive
       class(discretisation_type), pointer :: problem => null()
-      !> Receiver of the caller
-      class(recorder_type), pointer :: receiver => null()
       !> Where warnings are kept
       type(outcome_type), pointer :: outcome => null()
    contains
-      procedure :: iteration, step, stopped, note => pass_on
+      procedure :: iteration, step, note => pass_on
    end type watcher_type
 
 contains
@@ -486,12 +484,5 @@ subroutine pass_on(self, line, warning)
       call self%receiver%note(line, warning)
    end if
 end subroutine pass_on
-
-!> Whether the caller wants to stop
-logical function stopped(self)
-   class(watcher_type), intent(inout) :: self
-
-   stopped = self%receiver%stopped()
-end function stopped
 
 end module rk_run
