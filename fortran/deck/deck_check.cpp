@@ -363,7 +363,7 @@ static std::vector<std::string> names_of(const std::string &kind, int dimension)
 }
 
 // Whether texts in the place of numbers are expressions
-static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
+static void check_expression(Deck &deck, const Section &section, const KeySpec &key, Value &value) {
    if (deck.dimension() == 0)
       return;
    // the time is of no meaning where nothing moves
@@ -387,6 +387,13 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
          deck.refuse(section, key.name, which + quoted(one.text) + " " + fault);
    };
    check(value, "");
+   // beside an expression numbers are texts
+   if (std::any_of(value.items.begin(), value.items.end(), [](const Value &item) { return !item.is_number(); })) {
+      for (Value &item : value.items) {
+         if (item.is_number())
+            item = Value(exactly(item.number()));
+      }
+   }
    for (std::size_t i = 0; i < value.items.size(); ++i)
       check(value.items[i], "item " + std::to_string(i + 1) + ", ");
 }

@@ -8,7 +8,7 @@ module rk_resume
    use rk_precision, only : wp
    use rk_recorder, only : start_type
    use rk_results, only : read_restart, restart_type, to_space
-   use rk_text, only : line, lines_of, to_text
+   use rk_text, only : line, to_text
    implicit none
    private
 
@@ -59,7 +59,6 @@ subroutine resume_points(folder, deck, resumed, error)
    type(run_type) :: found
    type(deck_type) :: finer
    character(len=:), allocatable :: path
-   character(len=512), allocatable :: words(:)
    integer :: own
 
    resumed = .false.
@@ -71,8 +70,7 @@ subroutine resume_points(folder, deck, resumed, error)
       return
    end if
    resumed = .true.
-   call lines_of(found%overrides(own + 1:), words)
-   call deck%vary(words, finer, error)
+   call deck%vary(found%overrides(own + 1:), finer, error)
    if (.not. allocated(error)) deck = finer
 end subroutine resume_points
 
@@ -156,14 +154,8 @@ subroutine compare_points(found, deck, problem, path, error)
    what = ''
    call get_approximation(deck, approximation)
    associate (cloud => problem%scene%cloud)
-      if (size(found%source, 2) /= size(cloud%source, 2)) then
-         what = to_text(size(found%source, 2))//' source points, this deck has ' &
-            & //to_text(size(cloud%source, 2))
-      else if (size(found%points, 2) /= size(cloud%points, 2)) then
-         what = to_text(size(found%points, 2))//' collocation points, this deck has ' &
-            & //to_text(size(cloud%points, 2))
-      else if (any(abs(found%source - to_space(cloud%source)) > 0.0_wp) .or. any(abs( &
-         & found%points - to_space(cloud%points)) > 0.0_wp)) then
+      if (.not. same_places(found%source, to_space(cloud%source)) &
+         & .or. .not. same_places(found%points, to_space(cloud%points))) then
          what = 'points at other places than those of this deck'
       else if (found%approximation /= approximation) then
          what = 'an approximation of '//found%approximation//', this deck has '//approximation
@@ -172,6 +164,17 @@ subroutine compare_points(found, deck, problem, path, error)
       end if
    end associate
    if (what /= '') call fatal_error(error, err_input, path//': its states have '//what)
+
+contains
+
+   !> Whether points are the same to the last bit
+   pure logical function same_places(one, other) result(same)
+      real(wp), intent(in) :: one(:, :), other(:, :)
+
+      same = size(one) == size(other)
+      if (same) same = .not. any(abs(one - other) > 0.0_wp)
+   end function same_places
+
 end subroutine compare_points
 
 end module rk_resume

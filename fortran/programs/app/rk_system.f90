@@ -1,7 +1,7 @@
 !> Signals, folders, memory and version, from system.cpp.
 module rk_system
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_double, c_int, c_null_char, &
-      & c_ptr
+   use, intrinsic :: iso_c_binding, only : c_associated, c_bool, c_char, c_double, c_int, &
+      & c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_cstring, only : c_strlen, to_fortran
    use rk_error, only : error_type, fatal_error, err_file
@@ -31,10 +31,11 @@ module rk_system
          import :: c_int
          integer(c_int) :: number
       end function process_number
-      function c_interrupted() result(yes) bind(c, name='rk_interrupted')
-         import :: c_int
-         integer(c_int) :: yes
-      end function c_interrupted
+      !> Whether the user asked the program to stop
+      function interrupted() result(yes) bind(c, name='rk_interrupted')
+         import :: c_bool
+         logical(c_bool) :: yes
+      end function interrupted
       !> Peak memory of the program [byte]
       function peak_bytes() result(bytes) bind(c, name='rk_peak_bytes')
          import :: c_double
@@ -52,11 +53,6 @@ module rk_system
    end interface
 
 contains
-
-!> Whether the user asked the program to stop
-logical function interrupted()
-   interrupted = c_interrupted() /= 0
-end function interrupted
 
 !> User and system time of the program so far [s]
 real(wp) function cpu_seconds()

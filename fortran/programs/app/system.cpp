@@ -17,15 +17,9 @@ extern "C" {
 
 static volatile sig_atomic_t interrupted = 0;
 
+/* Where the terminal or the parent has gone results are written first, however often it is said. */
 static void on_signal(int number) {
-   (void)number;
-   if (interrupted) _exit(130);
-   interrupted = 1;
-}
-
-/* The terminal or the parent has gone; however often it is said, results are written first. */
-static void on_hangup(int number) {
-   (void)number;
+   if (interrupted && (number == SIGINT || number == SIGTERM)) _exit(130);
    interrupted = 1;
 }
 
@@ -41,8 +35,8 @@ static void handle(int number, void (*handler)(int)) {
 void rk_catch_signals(void) {
    handle(SIGINT, on_signal);
    handle(SIGTERM, on_signal);
-   handle(SIGHUP, on_hangup);
-   signal(SIGUSR1, on_hangup);   /* the end of the parent, also where hangups are ignored */
+   handle(SIGHUP, on_signal);
+   signal(SIGUSR1, on_signal);   /* the end of the parent, also where hangups are ignored */
    signal(SIGPIPE, SIG_IGN);
 }
 
@@ -80,7 +74,7 @@ const char *rk_lock_folder(const char *path, int *owner) {
    return NULL;   /* the file stays open, and with it the lock, until the process ends */
 }
 
-int rk_interrupted(void) { return interrupted != 0; }
+bool rk_interrupted(void) { return interrupted != 0; }
 
 /* Peak memory of the process in bytes. */
 double rk_peak_bytes(void) {
