@@ -188,17 +188,12 @@ static std::string only_for(const Deck &deck, const Section &section, const Cond
    return "only " + wanted + "; here " + (here == absent ? without : broken.key + " = " + here);
 }
 
-static std::optional<std::string> default_of(const Deck &deck, const Section &section,
-                                             const KeySpec &key) {
-   for (const Choice &choice : key.default_if) {
-      if (!failing(deck, section, choice.when, false))
-         return choice.toml;
-   }
-   return key.default_toml;
-}
-
 static void fill_default(const Deck &deck, Section &section, const KeySpec &key) {
-   const std::optional<std::string> toml = default_of(deck, section, key);
+   std::optional<std::string> toml = key.default_toml;
+   const auto holds = [&](const Choice &choice) { return !failing(deck, section, choice.when, false); };
+   const auto own = std::find_if(key.default_if.begin(), key.default_if.end(), holds);
+   if (own != key.default_if.end())
+      toml = own->toml;
    if (toml && !section.given(key.name))
       put_default(section, key.name, *parse_value(*toml));
 }

@@ -24,7 +24,7 @@ module rk_verdict
    implicit none
    private
 
-   public :: verdict_type, judge, accepted, doubtful, refused, verdict_names
+   public :: verdict_type, judge, refused, verdict_names
 
    !> Verdicts, the worse the larger
    integer, parameter :: accepted = 1, doubtful = 2, refused = 3
