@@ -217,9 +217,13 @@ subroutine refine(self, deck, model, receiver, error)
          return
       end if
       if (.not. possible(next)) then
-         self%reason = self%target//'not met: the next points, '//list(next)//' cells, would ' &
-            & //'take about '//to_text(self%seconds + expected(next), 2)//' CPU s, more than ' &
-            & //'refine.cost, or have more unknowns than galerkin.direct_limit'
+         self%reason = self%target//'not met: the next points, '//list(next)//' cells, '
+         if (factorised(next)) then
+            self%reason = self%reason//'would take about '//to_text(self%seconds &
+               & + expected(next), 2)//' CPU s, more than refine.cost'
+         else
+            self%reason = self%reason//'have more unknowns than galerkin.direct_limit'
+         end if
          if (allocated(scene%cloud%block)) return
          ! as many as there may be, where they are worth another solution
          aimed = next
@@ -297,16 +301,22 @@ contains
       another = self%seconds + sharing + solving*least_growth**power <= self%cost
    end function another
 
-   !> Whether a lattice can be solved within the cost, and has no more unknowns than exact values
-   !> allow, whose tangent is factorised
+   !> Whether a lattice can be solved within the cost
    logical function possible(cells_then)
       !> Its cells, shape (nd)
       integer, intent(in) :: cells_then(:)
 
-      possible = self%seconds + expected(cells_then) <= self%cost .and. ( &
-         & scene%galerkin%essential /= 'transformation' .or. scene%cloud%nd &
-         & *product(real(cells_then, wp) + 1.0_wp) <= scene%galerkin%direct_limit)
+      possible = factorised(cells_then) .and. self%seconds + expected(cells_then) <= self%cost
    end function possible
+
+   !> Whether a lattice has no more unknowns than exact values allow, whose tangent is factorised
+   logical function factorised(cells_then)
+      !> Its cells, shape (nd)
+      integer, intent(in) :: cells_then(:)
+
+      factorised = scene%galerkin%essential /= 'transformation' .or. scene%cloud%nd &
+         & *product(real(cells_then, wp) + 1.0_wp) <= scene%galerkin%direct_limit
+   end function factorised
 
    !> CPU time that a lattice is expected to take [s]
    real(wp) function expected(cells_then)
@@ -413,10 +423,11 @@ subroutine get_words(deck, cloud, cells, words)
       words = 'geometry.blocks='//list(cells)//new_line('a')
       return
    end if
-   call deck%get('galerkin.essential', essential)
    words = ''
-   if (essential == 'transformation') words = 'galerkin.essential="'//essential//'"'//new_line('a')
    call lattice_words(deck, cells + 1, words)
+   call deck%get('galerkin.essential', essential)
+   if (essential == 'transformation') words = words//'galerkin.essential="'//essential//'"' &
+      & //new_line('a')
 end subroutine get_words
 
 !> Solve a scene and its companion

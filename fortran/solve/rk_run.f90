@@ -283,6 +283,7 @@ subroutine warn_of_interfaces(scene, outcome, recorder)
    type(outcome_type), intent(inout) :: outcome
    class(recorder_type), intent(inout) :: recorder
    type(error_type), allocatable :: error
+   character(len=:), allocatable :: text
    real(wp), dimension(scene%cloud%nd) :: high, low, x
    real(wp) :: part(size(scene%tissue)), reach
    integer :: d, found, i, other, own, side
@@ -309,9 +310,12 @@ subroutine warn_of_interfaces(scene, outcome, recorder)
          end do
       end do
       if (own == 0 .or. other == own) cycle
+      text = 'between those of the two'
+      if (allocated(scene%approximation%kink) .or. .not. scene%basis%interface > 0.0_wp) &
+         & text = 'that in '//scene%tissue(own)%name
       call outcome%warn('probe '//scene%probe(i)%name//' lies on the interface of ' &
          & //scene%tissue(own)%name//' and '//scene%tissue(other)%name//', across which it may ' &
-         & //'jump; move it into the material that is meant', recorder)
+         & //'jump: its value is '//text//'; move it into the material that is meant', recorder)
    end do
 end subroutine warn_of_interfaces
 

@@ -154,8 +154,14 @@ subroutine compare_points(found, deck, problem, path, error)
    what = ''
    call get_approximation(deck, approximation)
    associate (cloud => problem%scene%cloud)
-      if (.not. same_places(found%source, to_space(cloud%source)) &
-         & .or. .not. same_places(found%points, to_space(cloud%points))) then
+      if (size(found%source, 2) /= size(cloud%source, 2)) then
+         what = to_text(size(found%source, 2))//' source points, this deck has ' &
+            & //to_text(size(cloud%source, 2))
+      else if (size(found%points, 2) /= size(cloud%points, 2)) then
+         what = to_text(size(found%points, 2))//' collocation points, this deck has ' &
+            & //to_text(size(cloud%points, 2))
+      else if (any(abs(found%source - to_space(cloud%source)) > 0.0_wp) .or. any(abs( &
+         & found%points - to_space(cloud%points)) > 0.0_wp)) then
          what = 'points at other places than those of this deck'
       else if (found%approximation /= approximation) then
          what = 'an approximation of '//found%approximation//', this deck has '//approximation
@@ -164,17 +170,6 @@ subroutine compare_points(found, deck, problem, path, error)
       end if
    end associate
    if (what /= '') call fatal_error(error, err_input, path//': its states have '//what)
-
-contains
-
-   !> Whether points are the same to the last bit
-   pure logical function same_places(one, other) result(same)
-      real(wp), intent(in) :: one(:, :), other(:, :)
-
-      same = size(one) == size(other)
-      if (same) same = .not. any(abs(one - other) > 0.0_wp)
-   end function same_places
-
 end subroutine compare_points
 
 end module rk_resume
