@@ -22,7 +22,7 @@ module rk_preconditioner
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_sparse, only : factor_upper, sparse_factor
+   use rk_sparse, only : solve_sparse, sparse_factor
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
@@ -134,7 +134,7 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
          end associate
       end do
       self%diagonal(i::nd) = graph%value(graph%start(2:))
-      call factor_upper(self%laplacian(i), n, graph%start, graph%rows(), graph%value, error)
+      call solve_sparse(self%laplacian(i), n, graph%start, graph%rows(), graph%value, .true., error)
       if (allocated(error)) then
          error%message = 'preconditioner of displacement component '//to_text(i)//': ' &
             & //error%message//'; above galerkin.direct_limit the tangent is not factorised'
@@ -277,8 +277,9 @@ subroutine apply(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    !> Displacements, shape (n)
    real(wp), contiguous, target, intent(inout) :: y(:)
-   real(wp), allocatable :: value(:, :), right(:, :)
-   real(wp), pointer, contiguous :: u(:, :)
+   real(wp), allocatable, target :: right(:, :)
+   real(wp), allocatable :: value(:, :)
+   real(wp), pointer, contiguous :: u(:, :), vectors(:)
    integer, allocatable :: own(:)
    integer :: c, i, nd
 
@@ -291,7 +292,8 @@ subroutine apply(self, x, y)
       own = pack([(i, i=1, nd)], self%factor_of == c)
       if (size(own) == 0) cycle
       right = transpose(value(own, :))
-      call self%laplacian(c)%solve_columns(right)
+      vectors(1:size(right)) => right
+      call self%laplacian(c)%solve(vectors)
       u(own, :) = transpose(right)
    end do
    call self%values%invert(.false., u)
