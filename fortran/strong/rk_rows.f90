@@ -316,7 +316,7 @@ subroutine compressed(self, start, column, value)
    !$omp parallel default(none) private(b, c, i, k, n, rows, near) &
    !$omp shared(self, start, column, value)
    allocate (near(self%shape%ns), source=0)
-   allocate (rows(size(self%coefficient, 1), self%nc*self%shape%max_count()))
+   allocate (rows(size(self%coefficient, 1), maxval(start(2:) - start(:self%m))))
    !$omp do schedule(static)
    do b = 1, size(self%place)
       associate (s => self%shape%neighbour, ip => self%place(b))
