@@ -16,7 +16,7 @@
 module rk_preconditioner
    use rk_cells, only : cells_type
    use rk_corners, only : corners_type, new_corners
-   use rk_csr, only : csr_type
+   use rk_csr, only : csr_type, sort
    use rk_error, only : error_type
    use rk_nodal_values, only : new_nodal_values, nodal_values_type
    use rk_precision, only : i8, wp
@@ -162,7 +162,8 @@ subroutine nodal_network(self, cells, surface, shear)
    allocate (self%pair(2, size(cells%side, 2)), self%conductance(size(cells%side, 2)))
    do k = 1, size(self%conductance)
       associate (a => cells%side(1, k), b => cells%side(2, k))
-         self%pair(:, k) = ascending(cells%node([a, b]))
+         self%pair(:, k) = cells%node([a, b])
+         call sort(self%pair(:, k))
          self%conductance(k) = norm2(cells%area(:, k))/norm2(cells%point(:, a) &
             & - cells%point(:, b))*0.5_wp*(shear(a) + shear(b))
       end associate
@@ -204,7 +205,8 @@ subroutine corner_network(self, scene, cells, surface, shear)
       do d = 1, nd
          do e = 0, edges - 1
             k = k + 1
-            self%pair(:, k) = ascending(ends(cell, d, e))
+            self%pair(:, k) = ends(cell, d, e)
+            call sort(self%pair(:, k))
             do q = cells%per_cell*(cell - 1) + 1, cells%per_cell*cell
                self%conductance(k) = self%conductance(k) + shear(q)*cells%weight(q) &
                   & /corners%step(d)**2*weight_of(corners%within(cell, cells%point(:, q)), d, e)
@@ -261,15 +263,6 @@ contains
    end function weight_of
 
 end subroutine corner_network
-
-!> Two numbers in ascending order
-pure function ascending(pair)
-   !> Numbers
-   integer, intent(in) :: pair(2)
-   integer :: ascending(2)
-
-   ascending = [minval(pair), maxval(pair)]
-end function ascending
 
 subroutine apply(self, x, y)
    class(preconditioner_type), intent(in) :: self
