@@ -13,7 +13,7 @@ module rk_hdf5
    use rk_cstring, only : to_fortran
    use rk_error, only : err_file, error_type, fatal_error
    use rk_precision, only : wp
-   use rk_text_file, only : publish_file
+   use rk_text_file, only : move_file
    implicit none
    private
 
@@ -164,7 +164,7 @@ subroutine publish(self, error)
    class(h5_type), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
 
-   call publish_file(self%path, error)
+   call move_file(self%path//'.part', self%path, error)
 end subroutine publish
 
 function has(self, name)
