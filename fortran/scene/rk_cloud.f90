@@ -231,22 +231,25 @@ subroutine take_arrays(self, error)
    call need('spacing', are_columns(self%spacing, ns) .and. all(self%spacing > 0.0_wp))
    call need('points', np > 0 .and. are_columns(self%points, np))
    call need('label', size(self%label) == np)
-   call need('fiber', are_columns(self%fiber, np) .and. all(norm2(self%fiber, dim=1) &
-      & <= off_unit .or. abs(norm2(self%fiber, dim=1) - 1.0_wp) <= off_unit))
+   call need('fiber', are_columns(self%fiber, np))
+   call need_each('fiber', norm2(self%fiber, dim=1) <= off_unit &
+      & .or. abs(norm2(self%fiber, dim=1) - 1.0_wp) <= off_unit)
    call need('volume', size(self%volume) == np .and. all(self%volume >= 0.0_wp &
       & .and. self%volume <= huge(1.0_wp)) .and. any(self%volume > 0.0_wp))
    call need('boundary_point', all(self%boundary_point >= 0 .and. self%boundary_point < np))
    call need('boundary_set', size(self%boundary_set) == nb .and. all(self%boundary_set >= 0 &
       & .and. self%boundary_set < size(self%set_names)))
-   call need('normal', are_columns(self%normal, nb) &
-      & .and. all(abs(norm2(self%normal, dim=1) - 1.0_wp) < off_unit))
+   call need('normal', are_columns(self%normal, nb))
+   call need_each('normal', abs(norm2(self%normal, dim=1) - 1.0_wp) < off_unit)
    call need('area', size(self%area) == nb .and. all(self%area >= 0.0_wp &
       & .and. self%area <= huge(1.0_wp)))
    if (allocated(self%activation)) call need('activation', size(self%activation) == np &
       & .and. all(self%activation >= 0.0_wp .and. self%activation <= 1.0_wp))
-   if (allocated(self%fraction)) call need('fraction', all(shape(self%fraction) &
-      & == [size(self%fraction_label), np]) .and. all(self%fraction >= 0.0_wp) &
-      & .and. all(abs(sum(self%fraction, dim=1) - 1.0_wp) < off_unit))
+   if (allocated(self%fraction)) then
+      call need('fraction', all(shape(self%fraction) == [size(self%fraction_label), np]))
+      call need_each('fraction', all(self%fraction >= 0.0_wp, dim=1) &
+         & .and. abs(sum(self%fraction, dim=1) - 1.0_wp) < off_unit)
+   end if
    if (allocated(self%voxels%index)) then
       associate (voxels => self%voxels)
          call need('voxels/index', all(shape(voxels%index) == [3, np]) &
@@ -278,15 +281,29 @@ contains
    end function are_columns
 
    !> The first complaint is kept
-   subroutine need(name, right)
+   subroutine need(name, right, of)
       !> Array, and whether it is what it must be
       character(len=*), intent(in) :: name
       logical, intent(in) :: right
+      !> What of it is not
+      character(len=*), intent(in), optional :: of
+      character(len=:), allocatable :: entry
 
-      if (.not. (right .or. allocated(error))) call fatal_error(error, err_input, "'"//name &
-         & //"' does not have the numbers of a model: one for each point, finite and in range; " &
-         & //'normals and fibers are unit vectors (no fiber: zeros), fractions add up to 1')
+      if (right .or. allocated(error)) return
+      entry = ''
+      if (present(of)) entry = of
+      call fatal_error(error, err_input, "'"//name//"'"//entry//' does not have the numbers of a ' &
+         & //'model: one for each point, finite and in range; normals and fibers are unit ' &
+         & //'vectors (no fiber: zeros), fractions add up to 1')
    end subroutine need
+
+   !> Name the first wrong entry
+   subroutine need_each(name, right)
+      character(len=*), intent(in) :: name
+      logical, intent(in) :: right(:)
+
+      call need(name, all(right), ', entry '//to_text(findloc(right, .false., dim=1))//',')
+   end subroutine need_each
 
 end subroutine take_arrays
 

@@ -168,7 +168,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       if (index(problem%scene%method, 'rkpm') /= 1) text = 'method "rkpm-gauss", whose bars come ' &
          & //'from fewer points, or '
       self%reasons = self%reasons//'remedy: '//text//'more points (geometry.source, of a model ' &
-         & //'geometry.blocks or build.source_stride)'//new_line('a')
+         & //'geometry.blocks or build.source_stride; without these accuracy chooses them)'//new_line('a')
    end if
 end subroutine judge
 
