@@ -9,7 +9,7 @@ module rk_cgls
    implicit none
    private
 
-   public :: semi_normal, refine
+   public :: refine
 
    !> Backward error where refinement stops: a rounding
    real(wp), parameter :: goal = 1.0e-16_wp
@@ -17,22 +17,6 @@ module rk_cgls
    integer, parameter :: patience = 2
 
 contains
-
-!> Solution of the normal equations
-subroutine semi_normal(op, b, factor, x)
-   class(row_operator), intent(in) :: op
-   !> Right hand side, shape (m)
-   real(wp), contiguous, intent(in) :: b(:)
-   !> Factor of the normal matrix
-   class(factor_type), intent(in) :: factor
-   !> Solution, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-
-   call op%apply_transposed(b, x)
-   x = x/factor%scale
-   call factor%solve(x)
-   x = x/factor%scale
-end subroutine semi_normal
 
 !> Improve a solution until rounding stops it
 subroutine refine(op, b, factor, limit, x, iterations)

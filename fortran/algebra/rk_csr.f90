@@ -5,7 +5,7 @@ module rk_csr
    implicit none
    private
 
-   public :: csr_type, envelope_order, group_by, joined, sort
+   public :: csr_type, envelope_order, group_by, joined, lengthened, sort
 
    !> Lists of numbers, one a row
    type :: csr_type
@@ -56,6 +56,22 @@ pure function joined(first, second) result(both)
    both = csr_type([first%offset, first%offset(size(first%offset)) + second%offset(2:)], &
       & [first%index, second%index])
 end function joined
+
+!> Rows of one list, each with that of another behind it
+pure function lengthened(first, second) result(both)
+   !> Lists, with as many rows
+   type(csr_type), intent(in) :: first, second
+   type(csr_type) :: both
+   integer :: i
+
+   allocate (both%offset, source=first%offset + second%offset)
+   allocate (both%index(both%offset(size(both%offset))))
+   do i = 1, size(both%offset) - 1
+      both%index(both%offset(i) + 1:both%offset(i + 1)) = &
+         & [first%index(first%offset(i) + 1:first%offset(i + 1)), &
+         & second%index(second%offset(i) + 1:second%offset(i + 1))]
+   end do
+end function lengthened
 
 !> Places of each number in a list, ascending
 pure subroutine group_by(n, number, places)

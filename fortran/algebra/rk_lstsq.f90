@@ -15,7 +15,7 @@
 !>             Karlson, Walden, BIT 37 (1997) 862, doi:10.1007/BF02510356;
 !>             Cox, Higham, BIT 38 (1998) 34, doi:10.1007/BF02510913 (heavy rows first)
 module rk_lstsq
-   use rk_cgls, only : refine, semi_normal
+   use rk_cgls, only : refine
    use rk_csr, only : csr_type, group_by
    use rk_envelope, only : envelope_type
    use rk_error, only : error_type, fatal_error, err_input, err_linalg, err_memory
@@ -365,7 +365,11 @@ subroutine solve_normal(op, b, x, report, error)
    call factor%factorise(error)
    if (.not. allocated(error)) call check_rank(op, factor, report%rcond, error)
    if (allocated(error)) return
-   call semi_normal(op, b, factor, x)
+   ! solution of the normal equations
+   call op%apply_transposed(b, x)
+   x = x/factor%scale
+   call factor%solve(x)
+   x = x/factor%scale
    if (report%used == 'normal') then
       call judge(op, b, x, factor, report)
       if (report%accepted) return

@@ -12,7 +12,7 @@ module rk_sparse
    implicit none
    private
 
-   public :: sparse_factor, sparse_qr, solve_sparse, factor_upper
+   public :: sparse_factor, sparse_qr, solve_sparse
 
    !> A factor held by SuiteSparse, with what factorisations of matrices with the same places of
    !> entries have in common: the order of elimination and the places of the factor's entries. No
@@ -20,7 +20,7 @@ module rk_sparse
    type, extends(factor_type) :: sparse_factor
       type(c_ptr), private :: handle = c_null_ptr
    contains
-      procedure :: solve, solve_columns
+      procedure :: solve
       final :: free
    end type sparse_factor
 
@@ -46,10 +46,10 @@ module rk_sparse
          real(c_double), intent(out) :: rcond
          type(c_ptr), intent(inout) :: kept
       end function rk_sparse_direct
-      subroutine rk_sparse_solve(handle, number, x) bind(c)
+      subroutine rk_sparse_solve(handle, length, x) bind(c)
          import :: c_double, c_int64_t, c_ptr
          type(c_ptr), value :: handle
-         integer(c_int64_t), value :: number
+         integer(c_int64_t), value :: length
          real(c_double), intent(inout) :: x(*)
       end subroutine rk_sparse_solve
       subroutine rk_sparse_free(handle) bind(c)
@@ -95,33 +95,10 @@ subroutine sparse_qr(self, op, b, x, error)
    if (.not. allocated(error)) x = x/self%scale
 end subroutine sparse_qr
 
-!> Cholesky factor of a symmetric matrix
-subroutine factor_upper(self, n, start, row, value, error)
-   type(sparse_factor), intent(inout) :: self
-   !> Unknowns
-   integer, intent(in) :: n
-   !> Column j of the upper triangle has entries start(j)+1 : start(j+1), shape (n + 1)
-   integer(i8), contiguous, intent(in) :: start(:)
-   !> Row of each entry less 1, ascending in each column
-   integer(i8), contiguous, intent(in) :: row(:)
-   !> Entries
-   real(wp), contiguous, intent(in) :: value(:)
-   !> Error handling: not positive definite, no memory
-   type(error_type), allocatable, intent(out) :: error
-   type(threads_type) :: kept
-   real(wp) :: rcond
-   integer(c_int) :: stat
-
-   call free(self)
-   call hold_threads(kept)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, definite=1_c_int, &
-      & rcond=rcond, kept=self%handle)
-   call release_threads(kept)
-   call complain(stat, error)
-end subroutine factor_upper
-
-!> Solve equations with a square matrix
-subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error)
+!> Factorise a square matrix, and solve equations with it
+subroutine solve_sparse(kept, n, start, row, value, definite, error, b, x, rcond)
+   !> Factor, and what is left of those of matrices with the same places of entries
+   type(sparse_factor), intent(inout) :: kept
    !> Unknowns
    integer, intent(in) :: n
    !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
@@ -131,25 +108,25 @@ subroutine solve_sparse(n, start, row, value, definite, b, x, rcond, kept, error
    !> Entries
    real(wp), contiguous, intent(in) :: value(:)
    !> The entries are the upper triangle of a symmetric, positive definite matrix (Cholesky);
-   !> otherwise they are all (LU)
+   !> otherwise they are all (LU), whose factor is not kept
    logical, intent(in) :: definite
-   !> Right hand side, shape (n)
-   real(wp), contiguous, intent(in) :: b(:)
-   !> Solution, shape (n)
-   real(wp), contiguous, intent(inout) :: x(:)
-   !> Rough reciprocal condition [-]
-   real(wp), intent(out) :: rcond
-   !> What is left of factors of matrices with the same places of entries
-   type(sparse_factor), intent(inout) :: kept
    !> Error handling: not positive definite, singular, no memory
    type(error_type), allocatable, intent(out) :: error
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in), optional :: b(:)
+   !> Solution, shape (n)
+   real(wp), contiguous, intent(inout), optional :: x(:)
+   !> Rough reciprocal condition [-]
+   real(wp), intent(out), optional :: rcond
    type(threads_type) :: threads
+   real(wp) :: rough
    integer(c_int) :: stat
 
    call hold_threads(threads)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rcond, &
+   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rough, &
       & kept%handle)
    call release_threads(threads)
+   if (present(rcond)) rcond = rough
    call complain(stat, error)
 end subroutine solve_sparse
 
@@ -168,27 +145,16 @@ subroutine complain(stat, error)
    end select
 end subroutine complain
 
+!> Solve with a factor, of an upper triangle also for several vectors, one behind the other
 subroutine solve(self, x)
    class(sparse_factor), intent(in) :: self
    real(wp), contiguous, intent(inout) :: x(:)
    type(threads_type) :: kept
 
    call hold_threads(kept)
-   call rk_sparse_solve(self%handle, 1_i8, x)
+   call rk_sparse_solve(self%handle, size(x, kind=i8), x)
    call release_threads(kept)
 end subroutine solve
-
-!> Solve for several vectors at once with a factor of an upper triangle
-subroutine solve_columns(self, x)
-   class(sparse_factor), intent(in) :: self
-   !> Right hand sides, replaced by the solutions, shape (n, vectors)
-   real(wp), contiguous, intent(inout) :: x(:, :)
-   type(threads_type) :: kept
-
-   call hold_threads(kept)
-   call rk_sparse_solve(self%handle, size(x, 2, i8), x)
-   call release_threads(kept)
-end subroutine solve_columns
 
 !> Also of each factor of an array
 impure elemental subroutine free(self)

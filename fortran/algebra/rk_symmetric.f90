@@ -233,8 +233,8 @@ subroutine apply_transposed(self, x, y)
    real(wp), contiguous, intent(in) :: x(:)
    real(wp), contiguous, intent(inout) :: y(:)
 
-   call self%product(self%value, x, y)
-   call self%add_skew(-1.0_wp, x, y)
+   call self%apply(x, y)
+   call self%add_skew(-2.0_wp, x, y)
 end subroutine apply_transposed
 
 !> Add the product of the skew part, where there is one, with a vector
@@ -435,8 +435,8 @@ subroutine solve_with(self, given, b, x, report, error)
       x = b
       call self%kept%solve(x)
    else if (symmetric) then
-      call solve_sparse(self%n, self%start, self%rows(), given, .true., b, x, report%rcond, &
-         & self%kept, error)
+      call solve_sparse(self%kept, self%n, self%start, self%rows(), given, .true., error, b, x, &
+         & report%rcond)
    end if
    if (.not. symmetric .or. allocated(error)) then
       if (allocated(error)) then
@@ -450,8 +450,8 @@ subroutine solve_with(self, given, b, x, report, error)
       report%used = 'lu'
       ! columns
       call both_triangles(self, given, -1.0_wp, start, column, value)
-      call solve_sparse(self%n, start, column, value, .false., b, x, report%rcond, &
-         & self%kept, error)
+      call solve_sparse(self%kept, self%n, start, column, value, .false., error, b, x, &
+         & report%rcond)
    end if
    if (allocated(error)) return
    allocate (r(self%n))
@@ -617,9 +617,7 @@ logical function definite(self)
          if (.not. near%ready) return
       end if
    end associate
-   b = 1.0_wp
-   call solve_sparse(self%n, self%start, self%rows(), self%value, .true., b, x, rcond, &
-      & self%kept, error)
+   call solve_sparse(self%kept, self%n, self%start, self%rows(), self%value, .true., error)
    definite = .not. allocated(error)
 end function definite
 

@@ -135,12 +135,12 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Solve with the matrix of a Cholesky factor for a number of vectors, or for one of R^T R, in place;
- * without memory they are not numbers afterwards */
-void rk_sparse_solve(struct factor *f, int64_t number, double *x)
+/* Solve with the matrix of a Cholesky factor for vectors of a length altogether, or for one of R^T R,
+ * in place; without memory they are not numbers afterwards */
+void rk_sparse_solve(struct factor *f, int64_t length, double *x)
 {
     if (f->cholesky) {
-        cholmod_dense b = vectors(f->n, number, x);
+        cholmod_dense b = vectors(f->n, length / f->n, x);
         const int solved = cholmod_l_solve2(CHOLMOD_A, f->cholesky, &b, NULL, &f->x, NULL, &f->y,
                                             &f->e, &f->common);
         for (size_t k = 0; k < b.nzmax; k++)
@@ -181,7 +181,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
         if (stat == rk_done && b) {
             *rcond = cholmod_l_rcond(f->cholesky, &f->common);
             memcpy(x, b, (size_t)n * sizeof *x);
-            rk_sparse_solve(f, 1, x);
+            rk_sparse_solve(f, n, x);
             stat = state(&f->common);
         } else if (stat != rk_done && f->cholesky) {
             /* half a factor only takes the room that LU needs */

@@ -11,7 +11,7 @@ module rk_text_file
    implicit none
    private
 
-   public :: text_file, make_file, move_file, publish_file, drop_file, save_text, load_text
+   public :: text_file, make_file, move_file, drop_file, save_text, load_text
 
    !> A file being written
    type :: text_file
@@ -93,17 +93,8 @@ subroutine publish(self, error)
    class(text_file), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
 
-   call publish_file(self%path, error)
+   call move_file(self%path//'.part', self%path, error)
 end subroutine publish
-
-!> Give a file its name, which is written and closed
-subroutine publish_file(path, error)
-   !> Its name, without the ending .part
-   character(len=*), intent(in) :: path
-   type(error_type), allocatable, intent(out) :: error
-
-   call move_file(path//'.part', path, error)
-end subroutine publish_file
 
 !> Give a file another name, in place of what has it
 subroutine move_file(from, to, error)

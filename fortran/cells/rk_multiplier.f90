@@ -8,7 +8,7 @@
 !> lengths and forces by the shear modulus, so that they stand beside the displacements' as equals.
 module rk_multiplier
    use rk_cells, only : cells_type
-   use rk_csr, only : csr_type
+   use rk_csr, only : csr_type, lengthened
    use rk_precision, only : i8, wp
    implicit none
    private
@@ -69,34 +69,9 @@ subroutine new_multiplier(self, cells, bulk, shear, ns, member)
       end associate
    end do
    self%extent = sqrt(self%extent)
-   if (self%extra > 0) call append(self, ns, member)
+   if (self%extra > 0) member = lengthened(member, csr_type([0_i8, (int(blocks, i8) &
+      & *count(self%free(:g)), g=1, size(bulk))], [(ns + g, g=1, self%extra)]))
 end subroutine new_multiplier
-
-!> Add the blocks to the source points of the groups
-subroutine append(self, ns, member)
-   class(multiplier_type), intent(in) :: self
-   integer, intent(in) :: ns
-   !> Source points of each group
-   type(csr_type), intent(inout) :: member
-   type(csr_type) :: longer
-   integer :: g, k, next
-
-   allocate (longer%offset(size(member%offset)))
-   longer%offset = [0_i8, (member%offset(g + 1) + blocks*count(self%free(:g)), &
-      & g=1, size(self%free))]
-   allocate (longer%index(longer%offset(size(longer%offset))))
-   next = ns
-   do g = 1, size(self%free)
-      associate (own => member%index(member%offset(g) + 1:member%offset(g + 1)), &
-         & all => longer%index(longer%offset(g) + 1:longer%offset(g + 1)))
-         all(:size(own)) = own
-         if (.not. self%free(g)) cycle
-         all(size(own) + 1:) = [(next + k, k=1, blocks)]
-         next = next + blocks
-      end associate
-   end do
-   member = longer
-end subroutine append
 
 !> Coefficients of the pressure of a group, which is an unknown
 pure function pressure(self, g, local) result(value)

@@ -40,11 +40,7 @@ subroutine nodal_cells(self, cloud, error)
    integer :: is, lattice(3), at(3)
 
    if (allocated(cloud%lattice)) then
-      if (cloud%nd == 2) then
-         call lattice_facets_2d(facets, cloud)
-      else
-         call lattice_facets_3d(facets, cloud)
-      end if
+      call lattice_facets(facets, cloud)
       lattice = 1
       lattice(:cloud%nd) = cloud%lattice
       allocate (group(slots, size(cloud%source, 2)))
@@ -117,37 +113,41 @@ pure function lattice_index(cloud, is) result(index)
    index(:cloud%nd) = digits_of(is - 1, cloud%lattice)
 end function lattice_index
 
-!> Facets of a plane lattice, straight between the centres of its meshes; on the surface they meet
-!> in the source points
-subroutine lattice_facets_2d(facets, cloud)
+!> Facets of a lattice, straight half way between the source points; on the surface of a plane one
+!> they meet in the source points
+subroutine lattice_facets(facets, cloud)
    type(facets_type), intent(inout) :: facets
    type(cloud_type), intent(in) :: cloud
    real(wp) :: low(3), step(3)
-   integer :: i, d, o, last(2), end, half(2), index(3), next(3), is, from(2), to(2)
+   integer :: d, i, is, length, nd, o, p, end
+   integer, dimension(cloud%nd) :: from, index, last, next, to
 
+   nd = cloud%nd
    call lattice_frame(cloud, low, step)
    last = 2*(cloud%lattice - 1)
    do is = 1, size(cloud%source, 2)
-      index = lattice_index(cloud, is)
-      do d = 1, 2
-         o = 3 - d
+      index = digits_of(is - 1, cloud%lattice)
+      do d = 1, nd
+         ! the other directions
+         o = modulo(d, nd) + 1
+         p = modulo(d + 1, nd) + 1
          do end = 0, 1
-            ! in half spacings: where the cell ends in this direction, and its range along the other
-            half(d) = min(max(2*index(d) + 2*end - 1, 0), last(d))
-            from(d) = half(d)
-            to(d) = half(d)
-            from(o) = max(2*index(o) - 1, 0)
-            to(o) = min(2*index(o) + 1, last(o))
-            if (half(d) == 2*index(d)) then
-               do i = from(o), to(o) - 1
+            ! in half spacings: where the cell ends in this direction, its range along the others
+            from = max(2*index - 1, 0)
+            to = min(2*index + 1, last)
+            if (end == 0) to(d) = from(d)
+            from(d) = to(d)
+            next = index
+            next(d) = index(d) + 2*end - 1
+            if (next(d) < 0 .or. next(d) >= cloud%lattice(d)) then
+               length = merge(1, to(o) - from(o), nd == 2)
+               do i = from(o), to(o) - 1, length
                   from(o) = i
-                  to(o) = i + 1
-                  call edge(corner(from), corner(to), 0, set_number(cloud%polar, d, end))
+                  to(o) = i + length
+                  call add_facet(corner(from), corner(to), 0, set_number(cloud%polar, d, end))
                end do
             else if (end == 1) then
-               next = index
-               next(d) = index(d) + 1
-               call edge(corner(from), corner(to), place_of(next(:2), cloud%lattice), 0)
+               call add_facet(corner(from), corner(to), place_of(next, cloud%lattice), 0)
             end if
          end do
       end do
@@ -155,69 +155,37 @@ subroutine lattice_facets_2d(facets, cloud)
 
 contains
 
-   !> Place in the plane of a corner in half spacings
+   !> Place of a corner in half spacings
    pure function corner(at) result(x)
-      integer, intent(in) :: at(2)
-      real(wp) :: x(2)
+      integer, intent(in) :: at(:)
+      real(wp) :: x(nd)
 
-      x = low(:2) + 0.5_wp*step(:2)*at
+      x = low(:nd) + 0.5_wp*step(:nd)*at
       if (cloud%polar) x = x(1)*[cos(x(2)), sin(x(2))]
    end function corner
 
-   !> Two Gauss points of an edge
-   subroutine edge(a, b, other, set)
-      real(wp), intent(in) :: a(2), b(2)
+   !> Gauss points of a facet between two of its corners, two in each direction
+   subroutine add_facet(a, b, other, set)
+      real(wp), intent(in) :: a(:), b(:)
       integer, intent(in) :: other, set
-      real(wp) :: normal(2)
+      real(wp) :: area(nd), xi(nd)
       integer :: k
 
-      ! a and b follow the other direction: turned to the side of growing d, then outwards
-      normal = [b(2) - a(2), a(1) - b(1)]
-      if (d == 2) normal = -normal
-      if (end == 0) normal = -normal
-      do k = 1, 2
-         call facets%add(0.5_wp*(a + b) + 0.5_wp*gauss(k)*(b - a), 0.5_wp*normal, is, other, set)
+      if (nd == 2) then
+         ! a and b follow the other direction: turned to the side of growing d
+         area = 0.5_wp*[b(2) - a(2), a(1) - b(1)]
+         if (d == 2) area = -area
+      else
+         area = 0.0_wp
+         area(d) = 0.25_wp*(b(o) - a(o))*(b(p) - a(p))
+      end if
+      do k = 0, 2**(nd - 1) - 1
+         xi = gauss(1 + modulo(k, 2))
+         if (nd == 3) xi(o) = gauss(1 + k/2)
+         call facets%add(0.5_wp*(a + b) + 0.5_wp*xi*(b - a), (2*end - 1)*area, is, other, set)
       end do
-   end subroutine edge
+   end subroutine add_facet
 
-end subroutine lattice_facets_2d
-
-!> Facets of a lattice in space: rectangles half way between the source points
-subroutine lattice_facets_3d(facets, cloud)
-   type(facets_type), intent(inout) :: facets
-   type(cloud_type), intent(in) :: cloud
-   real(wp) :: low(3), step(3), from(3), to(3), x(3), area(3)
-   integer :: i, j, d, o, p, end, index(3), next(3), is
-
-   call lattice_frame(cloud, low, step)
-   do is = 1, size(cloud%source, 2)
-      index = lattice_index(cloud, is)
-      from = low + step*max(index - 0.5_wp, 0.0_wp)
-      to = low + step*min(index + 0.5_wp, real(cloud%lattice - 1, wp))
-      do d = 1, 3
-         o = modulo(d, 3) + 1
-         p = modulo(d + 1, 3) + 1
-         do end = 0, 1
-            next = index
-            next(d) = index(d) + 2*end - 1
-            if (end == 0 .and. next(d) >= 0) cycle
-            x(d) = merge(to(d), from(d), end == 1)
-            area = 0.0_wp
-            area(d) = 0.25_wp*(2*end - 1)*(to(o) - from(o))*(to(p) - from(p))
-            do i = 1, 2
-               do j = 1, 2
-                  x(o) = 0.5_wp*(from(o) + to(o)) + 0.5_wp*gauss(i)*(to(o) - from(o))
-                  x(p) = 0.5_wp*(from(p) + to(p)) + 0.5_wp*gauss(j)*(to(p) - from(p))
-                  if (next(d) < 0 .or. next(d) >= cloud%lattice(d)) then
-                     call facets%add(x, area, is, 0, set_number(.false., d, end))
-                  else
-                     call facets%add(x, area, is, place_of(next, cloud%lattice), 0)
-                  end if
-               end do
-            end do
-         end do
-      end do
-   end do
-end subroutine lattice_facets_3d
+end subroutine lattice_facets
 
 end module rk_nodal_cells

@@ -13,7 +13,7 @@ module rk_pressure
    use rk_error, only : error_type
    use rk_kernel, only : window_product, window_radial
    use rk_lapack, only : svd
-   use rk_neighbours, only : covers, find_neighbours
+   use rk_neighbours, only : find_neighbours
    use rk_place_shape, only : approximation_type, on_plane
    use rk_precision, only : i8, wp
    use rk_tensor, only : cross, determinant
@@ -51,16 +51,17 @@ module rk_pressure
       logical, allocatable :: beyond_plane(:, :)
    contains
       procedure :: value => pressure_value, along_step, at => pressure_at
-      procedure, private :: slope
       procedure :: bends
-      procedure, private :: curvature
+      procedure, private :: slope
    end type pressure_type
 
    !> A polynomial that the others explain up to this share of its norm is left out
    real(wp), parameter :: dependent = 1.0e-6_wp
    !> Supports of the blending, in sizes of a group; of the list, a little more for probes between
    !> collocation points
-   real(wp), parameter :: blend = 1.0_wp, list = 2.0_wp, blends(3) = blend
+   real(wp), parameter :: blend = 1.0_wp, list = 2.0_wp
+   !> Places on the rim of a support, where the blending vanishes, stay out whatever their rounding
+   real(wp), parameter :: inside = 1.0_wp - 1.0e-12_wp
    !> Neighbours of a group are centred within so many of its sizes, corners included
    real(wp), parameter :: beside = 1.5_wp
    !> A direction in which a group has no neighbours has no curvature: this share of its size
@@ -229,35 +230,26 @@ pure function slope(self, g, coefficient)
    end associate
 end function slope
 
-!> Second derivatives of the pressure in a group, from the slopes of those around it, shape (nd, nd)
-!> [stress/length^2]
-pure function curvature(self, g, coefficient) result(h)
-   class(pressure_type), intent(in) :: self
-   integer, intent(in) :: g
-   real(wp), intent(in) :: coefficient(:, :)
-   real(wp) :: h(size(self%centre, 1), size(self%centre, 1)), change(size(self%centre, 1))
-   integer(i8) :: k
-   integer :: d
-
-   h = 0.0_wp
-   do k = self%around%offset(g) + 1, self%around%offset(g + 1)
-      change = self%slope(self%around%index(k), coefficient) - self%slope(g, coefficient)
-      do d = 1, size(h, 2)
-         h(:, d) = h(:, d) + 0.5_wp*(change*self%share(d, k) + change(d)*self%share(:, k))
-      end do
-   end do
-end function curvature
-
-!> Curvatures of all groups, shape (nd, nd, groups) [stress/length^2]
+!> Second derivatives of the pressures of all groups, each from the slopes of those around it, shape
+!> (nd, nd, groups) [stress/length^2]
 pure function bends(self, coefficient) result(bend)
    !> Polynomials, which are written with them
    class(pressure_type), intent(in) :: self
    real(wp), intent(in) :: coefficient(:, :)
    real(wp) :: bend(size(self%centre, 1), size(self%centre, 1), size(self%count))
-   integer :: g
+   real(wp) :: change(size(self%centre, 1))
+   integer(i8) :: k
+   integer :: d, g
 
+   bend = 0.0_wp
    do g = 1, size(self%count)
-      bend(:, :, g) = self%curvature(g, coefficient)
+      do k = self%around%offset(g) + 1, self%around%offset(g + 1)
+         change = self%slope(self%around%index(k), coefficient) - self%slope(g, coefficient)
+         do d = 1, size(change)
+            bend(:, d, g) = bend(:, d, g) &
+               & + 0.5_wp*(change*self%share(d, k) + change(d)*self%share(:, k))
+         end do
+      end do
    end do
 end function bends
 
@@ -306,10 +298,10 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    !> Place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    real(wp), intent(in) :: coefficient(:, :)
-   !> Their curvatures, which are found where they are absent, shape (nd, nd, groups)
+   !> Their curvatures where pressures are written with them, shape (nd, nd, groups)
    !> [stress/length^2]
    real(wp), intent(in), optional :: bend(:, :, :)
-   real(wp) :: s(3), h(3, 3), weight, total, local
+   real(wp) :: s(3), weight, total, local
    integer(i8) :: k
    integer :: j, nd
 
@@ -319,7 +311,7 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    do k = self%near%offset(ip) + 1, self%near%offset(ip + 1)
       associate (g => self%near%index(k))
          s(:nd) = (x - self%centre(:, g))/self%reach(:, g)
-         if (.not. covers(s(:nd), blends(:nd), window_product)) cycle
+         if (.not. all(abs(s(:nd)) < inside*blend)) cycle
          if (allocated(self%beyond_plane)) then
             if (beyond(self, g, x)) cycle
          end if
@@ -329,14 +321,11 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
             local = local + coefficient(j, g) &
                & *(self%monomial(1, j, g) + dot_product(self%monomial(2:, j, g), s(:nd)))
          end do
-         if (allocated(self%share)) then
-            if (present(bend)) then
-               h(:nd, :nd) = bend(:, :, g)
-            else
-               h(:nd, :nd) = self%curvature(g, coefficient)
-            end if
-            local = local + 0.5_wp*(dot_product(x - self%centre(:, g), matmul(h(:nd, :nd), x &
-               & - self%centre(:, g))) - sum(h(:nd, :nd)*self%moment(:, :, g)))
+         if (present(bend)) then
+            associate (away => x - self%centre(:, g))
+               local = local + 0.5_wp*(dot_product(away, matmul(bend(:, :, g), away)) &
+                  & - sum(bend(:, :, g)*self%moment(:, :, g)))
+            end associate
          end if
          p = p + weight*local
          total = total + weight

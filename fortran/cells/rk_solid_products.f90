@@ -1,6 +1,10 @@
 !> Products of gradients with displacements and stresses, with lengths and strides that the compiler
 !> knows: they are most of the work of solids whose tangent is never formed, and much of that of
 !> plane bodies. Volumes of a group are rows of the tangent: a force for each polynomial.
+!>
+!> All take the number of source points in sight, their places among those of the group, shape (n),
+!> and the gradients of their shape functions, shape (nd, n) [1/length]: those of a solid, where
+!> nothing is lifted, or those of both components of a plane body, which may differ.
 module rk_solid_products
    use rk_precision, only : wp
    implicit none
@@ -10,14 +14,9 @@ module rk_solid_products
 
 contains
 
-!> Add the displacement gradient of a solid where nothing is lifted: lengths and strides that the
-!> compiler knows
+!> Add the displacement gradient of a solid
 pure subroutine solid_gradient(n, local, value, x, h)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions, shape (3, n) [1/length]
+   integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: value(3, *)
    !> Coefficients of the group's source points, shape (3, members) [length]
    real(wp), intent(in) :: x(3, *)
@@ -36,13 +35,9 @@ pure subroutine solid_gradient(n, local, value, x, h)
    h = h + transpose(row)
 end subroutine solid_gradient
 
-!> Add the forces of a stress in a solid where nothing is lifted
+!> Add the forces of a stress in a solid
 pure subroutine solid_force(n, local, value, p, force)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions, shape (3, n) [1/length]
+   integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: value(3, *)
    !> Stress times weight, shape (3, 3), index (i, A) [stress length^nd]
    real(wp), intent(in) :: p(3, 3)
@@ -60,13 +55,9 @@ pure subroutine solid_force(n, local, value, p, force)
    end do
 end subroutine solid_force
 
-!> Add the displacement gradient of a plane body, whose components may have gradients of their own
+!> Add the displacement gradient of a plane body
 pure subroutine plane_gradient(n, local, first, second, x, h)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions for both components, shape (2, n) each [1/length]
+   integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: first(2, *), second(2, *)
    !> Coefficients of the group's source points, shape (2, members) [length]
    real(wp), intent(in) :: x(2, *)
@@ -85,11 +76,7 @@ end subroutine plane_gradient
 
 !> Add the forces of a stress in a plane body
 pure subroutine plane_force(n, local, first, second, p, force)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions for both components, shape (2, n) each [1/length]
+   integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: first(2, *), second(2, *)
    !> Stress times weight, shape (2, 2), index (i, A) [stress length^nd]
    real(wp), intent(in) :: p(2, 2)
@@ -105,11 +92,7 @@ end subroutine plane_force
 
 !> Add the work of a stress in a plane body by its displacements, with several factors
 pure subroutine plane_work(n, local, first, second, p, factor, work)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions for both components, shape (2, n) each [1/length]
+   integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: first(2, *), second(2, *)
    !> Stress times weight, shape (2, 2), index (i, A) [stress length^nd]
    real(wp), intent(in) :: p(2, 2)
@@ -128,13 +111,9 @@ pure subroutine plane_work(n, local, first, second, p, factor, work)
    end do
 end subroutine plane_work
 
-!> Add the work of a stress in a solid where nothing is lifted, with several factors
+!> Add the work of a stress in a solid by its displacements, with several factors
 pure subroutine solid_work(n, local, value, p, factor, work)
-   !> Source points in sight
-   integer, intent(in) :: n
-   !> Their places among those of the group, shape (n)
-   integer, intent(in) :: local(*)
-   !> Gradients of their shape functions, shape (3, n) [1/length]
+   integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: value(3, *)
    !> Stress times weight, shape (3, 3), index (i, A) [stress length^nd]
    real(wp), intent(in) :: p(3, 3)

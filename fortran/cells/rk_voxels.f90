@@ -32,7 +32,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    !> Error handling: no voxels, a source point without voxels
    type(error_type), allocatable, intent(out) :: error
    real(wp) :: area(3), x(3), part, taper(2)
-   real(wp), allocatable :: centre(:, :), share(:)
+   real(wp), allocatable :: centre(:, :), number(:), share(:)
    integer, allocatable :: owner(:), at(:, :), voxel(:, :, :)
    !> Boundary entries of each voxel
    type(csr_type) :: entries
@@ -57,7 +57,12 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    if (all(abs(share - 1.0_wp) < 1.0e-6_wp)) then
       share = 1.0_wp
    else
-      filled = mean_of(share, owner, cells)
+      allocate (filled(cells), number(cells), source=0.0_wp)
+      do ip = 1, size(owner)
+         filled(owner(ip)) = filled(owner(ip)) + share(ip)
+         number(owner(ip)) = number(owner(ip)) + 1.0_wp
+      end do
+      filled = filled/number
    end if
    at = cloud%voxels%index + spread(1 - minval(cloud%voxels%index, dim=2), 2, size(owner))
    n = maxval(at, dim=2)
@@ -174,26 +179,6 @@ pure subroutine find_groups(cloud, owner, cells, group, least)
          & threes(nint((high - at)/step + same), n), 1 + threes(n - 1, n))
    end do
 end subroutine find_groups
-
-!> Mean of the voxels of each cell
-pure function mean_of(values, owner, cells) result(mean)
-   !> Value of each voxel, shape (nc)
-   real(wp), intent(in) :: values(:)
-   !> Its cell, shape (nc)
-   integer, intent(in) :: owner(:)
-   !> Cells, each with a voxel at least
-   integer, intent(in) :: cells
-   real(wp) :: mean(cells)
-   integer :: number(cells), ip
-
-   mean = 0.0_wp
-   number = 0
-   do ip = 1, size(owner)
-      mean(owner(ip)) = mean(owner(ip)) + values(ip)
-      number(owner(ip)) = number(owner(ip)) + 1
-   end do
-   mean = mean/number
-end function mean_of
 
 !> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, of several that
 !> of the first set; 0 without one

@@ -221,6 +221,10 @@ bool is_blank(const std::string &text);
 bool is_one_of(const std::string &word, const std::vector<std::string> &list);
 std::string join(const std::vector<std::string> &words, const char *separator);
 std::string quoted(const std::string &word);
+// The text with control characters as JSON's escapes
+std::string escaped(const std::string &text);
+// A number as it reads back the same
+std::string exactly(double number);
 // The word with control characters as escapes, cut off where it is very long
 std::string shown(const std::string &word);
 

@@ -6,12 +6,7 @@
 // rk_deck_close.
 #include "deck.h"
 
-#include <algorithm>
-#include <array>
-#include <charconv>
 #include <cmath>
-#include <cstdio>
-#include <iomanip>
 #include <sstream>
 
 extern "C" {
@@ -49,20 +44,6 @@ struct Flat : DeckView {
    std::vector<EntryView> views;
 };
 
-// Expressions among numbers
-bool has_text(const rk::Value &value) {
-   return std::any_of(value.items.begin(), value.items.end(), [](const rk::Value &item) {
-      return item.kind == rk::Value::Kind::text;
-   });
-}
-
-// All digits, which Value::plain cuts for messages
-std::string exactly(double number) {
-   std::ostringstream text;
-   text << std::setprecision(17) << number;
-   return text.str();
-}
-
 Entry flatten(const rk::Value &value) {
    Entry entry;
    if (value.is_number())
@@ -71,11 +52,8 @@ Entry flatten(const rk::Value &value) {
       entry.kind = is_text;
       entry.text = value.text;
    }
-   const bool as_text = has_text(value);
    for (const rk::Value &item : value.items) {
-      if (item.is_number() && as_text)
-         entry.text += exactly(item.number()) + "\n";
-      else if (item.is_number())
+      if (item.is_number())
          entry.numbers.push_back(item.number());
       else
          entry.text += item.text + "\n";
@@ -110,14 +88,13 @@ void add_section(Flat &flat, const rk::Section &section) {
 
 // A text with JSON's escapes
 std::string json_text(const std::string &text) {
-   std::string all = "\"";
+   std::string all;
    for (const char letter : text) {
-      std::array<char, 8> code{};
-      const bool control = static_cast<unsigned char>(letter) < 32 || letter == 127;
-      std::snprintf(code.data(), code.size(), control ? "\\u%04x" : "%c", letter);
-      all += letter == '"' || letter == '\\' ? std::string{'\\', letter} : code.data();
+      if (letter == '"' || letter == '\\')
+         all += '\\';
+      all += letter;
    }
-   return all + "\"";
+   return "\"" + rk::escaped(all) + "\"";
 }
 
 // A number that reads back the same, with a point unless it is an integer
@@ -127,18 +104,15 @@ std::string json_number(const rk::Value &value, rk::Type type) {
    // JSON has no infinity: the word of the deck
    if (!std::isfinite(value.number()))
       return "\"inf\"";
-   std::array<char, 32> digits{};
-   std::string text(digits.data(),
-                    std::to_chars(digits.data(), digits.data() + digits.size(), value.number()).ptr);
+   const std::string text = rk::exactly(value.number());
    return text.find_first_of(".e") == std::string::npos ? text + ".0" : text;
 }
 
 std::string json_of(const rk::Value &value, rk::Type type) {
    if (value.kind == rk::Value::Kind::array) {
-      const bool as_text = has_text(value);
       std::vector<std::string> items;
       for (const rk::Value &item : value.items)
-         items.push_back(as_text && item.is_number() ? json_text(exactly(item.number())) : json_of(item, type));
+         items.push_back(json_of(item, type));
       return "[" + rk::join(items, ", ") + "]";
    }
    if (value.is_number())

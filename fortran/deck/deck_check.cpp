@@ -188,17 +188,12 @@ static std::string only_for(const Deck &deck, const Section &section, const Cond
    return "only " + wanted + "; here " + (here == absent ? without : broken.key + " = " + here);
 }
 
-static std::optional<std::string> default_of(const Deck &deck, const Section &section,
-                                             const KeySpec &key) {
-   for (const Choice &choice : key.default_if) {
-      if (!failing(deck, section, choice.when, false))
-         return choice.toml;
-   }
-   return key.default_toml;
-}
-
 static void fill_default(const Deck &deck, Section &section, const KeySpec &key) {
-   const std::optional<std::string> toml = default_of(deck, section, key);
+   std::optional<std::string> toml = key.default_toml;
+   const auto holds = [&](const Choice &choice) { return !failing(deck, section, choice.when, false); };
+   const auto own = std::find_if(key.default_if.begin(), key.default_if.end(), holds);
+   if (own != key.default_if.end())
+      toml = own->toml;
    if (toml && !section.given(key.name))
       put_default(section, key.name, *parse_value(*toml));
 }
@@ -363,7 +358,7 @@ static std::vector<std::string> names_of(const std::string &kind, int dimension)
 }
 
 // Whether texts in the place of numbers are expressions
-static void check_expression(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
+static void check_expression(Deck &deck, const Section &section, const KeySpec &key, Value &value) {
    if (deck.dimension() == 0)
       return;
    // the time is of no meaning where nothing moves
@@ -387,6 +382,13 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
          deck.refuse(section, key.name, which + quoted(one.text) + " " + fault);
    };
    check(value, "");
+   // beside an expression numbers are texts
+   if (std::any_of(value.items.begin(), value.items.end(), [](const Value &item) { return !item.is_number(); })) {
+      for (Value &item : value.items) {
+         if (item.is_number())
+            item = Value(exactly(item.number()));
+      }
+   }
    for (std::size_t i = 0; i < value.items.size(); ++i)
       check(value.items[i], "item " + std::to_string(i + 1) + ", ");
 }

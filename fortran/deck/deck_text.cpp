@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <array>
 #include <cerrno>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <cstring>
@@ -31,20 +32,29 @@ bool is_one_of(const std::string &word, const std::vector<std::string> &list) {
    return std::find(list.begin(), list.end(), word) != list.end();
 }
 
+std::string escaped(const std::string &text) {
+   std::string clean;
+   for (const char letter : text) {
+      std::array<char, 8> code{};
+      const bool control = static_cast<unsigned char>(letter) < 32 || letter == 127;
+      std::snprintf(code.data(), code.size(), control ? "\\u%04x" : "%c", letter);
+      clean += code.data();
+   }
+   return clean;
+}
+
 std::string shown(const std::string &word) {
    constexpr std::size_t longest = 200;
    std::size_t end = std::min(word.size(), longest);
    // not within a character of UTF-8
    while (end < word.size() && end > 0 && (static_cast<unsigned char>(word[end]) & 0xc0) == 0x80)
       --end;
-   std::string clean;
-   for (std::size_t i = 0; i < end; ++i) {
-      std::array<char, 8> code{};
-      const auto letter = static_cast<unsigned char>(word[i]);
-      std::snprintf(code.data(), code.size(), letter < 32 || letter == 127 ? "\\u%04x" : "%c", letter);
-      clean += code.data();
-   }
-   return clean + (end < word.size() ? "..." : "");
+   return escaped(word.substr(0, end)) + (end < word.size() ? "..." : "");
+}
+
+std::string exactly(double number) {
+   std::array<char, 32> digits{};
+   return {digits.data(), std::to_chars(digits.data(), digits.data() + digits.size(), number).ptr};
 }
 
 std::string quoted(const std::string &word) {

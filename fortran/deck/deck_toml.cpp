@@ -13,16 +13,12 @@ namespace rk {
 
 static Value convert(const toml::node &node) {
    Value value;
-   value.origin.line = static_cast<int>(node.source().begin.line);
    if (const auto *text = node.as_string()) {
-      value.kind = Value::Kind::text;
-      value.text = text->get();
+      value = Value(text->get());
    } else if (const auto *integer = node.as_integer()) {
-      value.kind = Value::Kind::integer;
-      value.integer = integer->get();
+      value = Value(integer->get());
    } else if (const auto *real = node.as_floating_point()) {
-      value.kind = Value::Kind::real;
-      value.real = real->get();
+      value = Value(real->get());
    } else if (const auto *boolean = node.as_boolean()) {
       value.kind = Value::Kind::boolean;
       value.boolean = boolean->get();
@@ -35,6 +31,7 @@ static Value convert(const toml::node &node) {
    } else {
       value.kind = Value::Kind::date;
    }
+   value.origin.line = static_cast<int>(node.source().begin.line);
    return value;
 }
 

@@ -12,7 +12,7 @@ module rk_deck
    implicit none
    private
 
-   public :: deck_type, joined, open_deck, resolve_key, word_length
+   public :: deck_type, open_deck, resolve_key, word_length
 
    !> Longest key, and longest word of an array of texts
    integer, parameter :: word_length = 32
@@ -54,7 +54,7 @@ module rk_deck
       character(len=:), allocatable :: overrides
    contains
       procedure :: has, given, count => count_entries
-      procedure :: where => where_written, complain, locate
+      procedure :: complain, locate
       !> Is the value a text (where a number is possible as well)?
       procedure :: is_text => value_is_text
       !> Value of a key. Without one a number or an expression stays what it was; texts
@@ -157,12 +157,12 @@ end subroutine resolve_key
 !> The same deck with further overrides, which go before those it has
 subroutine vary(self, overrides, other, error)
    class(deck_type), intent(in) :: self
-   !> "table.key=value" each
-   character(len=*), intent(in) :: overrides(:)
+   !> "table.key=value", a line each
+   character(len=*), intent(in) :: overrides
    type(deck_type), intent(out) :: other
    type(error_type), allocatable, intent(out) :: error
 
-   other%overrides = self%overrides//joined(overrides)
+   other%overrides = self%overrides//overrides
    call take(other, opened(self%path, self%text, other%overrides, '', ''), error)
 end subroutine vary
 
@@ -293,33 +293,24 @@ pure recursive function written(self, key) result(number)
    if (dot > 1) number = written(self, key(:dot - 1))
 end function written
 
-pure integer function where_length(self, key) result(length)
-   class(deck_type), intent(in) :: self
-   character(len=*), intent(in) :: key
-   integer :: number
-
-   number = written(self, key)
-   length = len(self%path)
-   if (number > 0) length = len(self%entry(number)%where)
-end function where_length
-
 !> Where a key was written; for one that was not, its table or the file
-pure function where_written(self, key) result(place)
+subroutine get_place(self, key, place)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   character(len=where_length(self, key)) :: place
+   character(len=:), allocatable, intent(out) :: place
    integer :: number
 
    number = written(self, key)
    place = self%path
    if (number > 0) place = self%entry(number)%where
-end function where_written
+end subroutine get_place
 
 !> Where a key was written and its name, as messages begin
 subroutine cite(self, key, text)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
    character(len=:), allocatable, intent(out) :: text
+   character(len=:), allocatable :: place
    integer :: number, table
 
    number = self%find(key)
@@ -330,7 +321,8 @@ subroutine cite(self, key, text)
       table = self%find(key(:index(key, '.', back=.true.) - 1))
       if (table > 0) text = self%entry(table)%address//key(index(key, '.', back=.true.):)
    end if
-   text = self%where(key)//': '//text
+   call get_place(self, key, place)
+   text = place//': '//text
 end subroutine cite
 
 !> Complain about a key. The error grows by a line, so that a user sees all complaints at once
@@ -354,10 +346,12 @@ subroutine locate(self, error)
    class(deck_type), intent(in) :: self
    !> Error, if any
    type(error_type), allocatable, intent(inout) :: error
+   character(len=:), allocatable :: place
 
    if (.not. allocated(error)) return
    if (index(error%message, self%path//':') == 1 .or. index(error%message, '--set ') == 1) return
-   error%message = self%where('geometry')//': '//error%message
+   call get_place(self, 'geometry', place)
+   error%message = place//': '//error%message
 end subroutine locate
 
 !> Is the value of a key a text?

@@ -4,13 +4,12 @@
 !>             2. cubic B-spline, Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995),
 !>                doi:10.1002/fld.1650200824
 module rk_kernel
-   use rk_error, only : err_input, error_type, fatal_error
    use rk_precision, only : wp
    implicit none
    private
 
    public :: kernel_quintic, window_product, window_radial, window_polar
-   public :: find_name, kernel_names, window_names, polar_window, window
+   public :: kernel_names, window_names, polar_window, window
 
    !> Names of the kernels and of the windows in decks, in the order of the numbers below
    character(len=*), parameter :: kernel_names(2) = ['quintic', 'cubic  ']
@@ -28,28 +27,6 @@ module rk_kernel
    integer, parameter :: window_polar = 3
 
 contains
-
-!> Place of a name in a list
-subroutine find_name(names, what, name, number, error)
-   character(len=*), intent(in) :: names(:)
-   !> What they are names of
-   character(len=*), intent(in) :: what
-   character(len=*), intent(in) :: name
-   !> Its place, 0 without
-   integer, intent(out) :: number
-   !> Error handling: not in the list
-   type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: known
-   integer :: i
-
-   number = findloc(names, name, dim=1)
-   if (number > 0) return
-   known = ''
-   do i = 1, size(names)
-      known = known//' '//trim(names(i))
-   end do
-   call fatal_error(error, err_input, what//" '"//trim(name)//"' is unknown; available:"//known)
-end subroutine find_name
 
 !> One-dimensional window w(z) and derivatives; w1z is w'(z)/z, finite at z = 0
 pure subroutine spline(kernel, z, w, w1z, w2)

@@ -8,8 +8,7 @@ module rk_neighbours
    implicit none
    private
 
-   public :: find_neighbours, nearest_points, all_nearest, covers
-   public :: most_central_of
+   public :: find_neighbours, nearest_points, all_nearest, most_central_of
 
    !> Source points sorted into boxes of the size of the largest support
    type :: boxes_type
@@ -225,22 +224,6 @@ contains
    end function nearest_of
 
 end subroutine all_nearest
-
-!> Whether the support of a source point contains a place
-pure logical function covers(r, a, window)
-   !> Place minus source point, shape (nd) [length]
-   real(wp), intent(in) :: r(:)
-   !> Support, shape (nd) [length]
-   real(wp), intent(in) :: a(:)
-   !> One of the window_* constants
-   integer, intent(in) :: window
-
-   if (window == window_product) then
-      covers = all(abs(r) < inside*a)
-   else
-      covers = sum((r/a)**2) < inside
-   end if
-end function covers
 
 !> Sort the source points into cells
 subroutine fill_cells(cells, source, support)

@@ -15,9 +15,9 @@
 !>             functions in the basis)
 module rk_place_shape
    use rk_basis, only : monomials, second_index
-   use rk_error, only : error_type
-   use rk_kernel, only : find_name, kernel_names, polar_window, window, window_names, &
-      & window_polar, window_product
+   use rk_error, only : err_input, error_type, fatal_error
+   use rk_kernel, only : kernel_names, polar_window, window, window_names, window_polar, &
+      & window_product
    use rk_precision, only : wp
    implicit none
    private
@@ -60,8 +60,10 @@ subroutine new_approximation(self, order, kernel, window, error)
    type(error_type), allocatable, intent(out) :: error
 
    self%order = order
-   call find_name(kernel_names, 'kernel', kernel, self%kernel, error)
-   if (.not. allocated(error)) call find_name(window_names, 'window', window, self%window, error)
+   self%kernel = findloc(kernel_names, kernel, dim=1)
+   self%window = findloc(window_names, window, dim=1)
+   if (min(self%kernel, self%window) == 0) call fatal_error(error, err_input, "kernel '"//kernel &
+      & //"' or window '"//window//"' is unknown; available: quintic cubic; product radial polar")
 end subroutine new_approximation
 
 !> Coordinate of a place across a plane, or its radius across a circle [length]

@@ -40,7 +40,7 @@ module rk_shape
       real(wp), allocatable :: value(:, :)
    contains
       procedure :: count => shape_count, row => shape_row, transposed => shape_transposed
-      procedure :: max_count => shape_max_count, interpolate
+      procedure :: interpolate
    end type shape_type
 
    !> Offsets over support are compared after rounding to 2**-44, far above rounding errors of
@@ -64,7 +64,6 @@ end function derivative_count
 
 !> Evaluate all shape functions at all places
 subroutine new_shape(self, approximation, source, support, place, error, first, plain)
-   !> Shape functions
    type(shape_type), intent(out) :: self
    !> Order, kernel and window
    type(approximation_type), intent(in) :: approximation
@@ -189,7 +188,6 @@ end subroutine turn
 
 !> Number of neighbours of a place
 pure integer function shape_count(self, ip)
-   !> Shape functions
    class(shape_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -199,7 +197,6 @@ end function shape_count
 
 !> Neighbours of a place and their shape functions, as views that live as long as these do
 subroutine shape_row(self, ip, nodes, values)
-   !> Shape functions
    class(shape_type), target, intent(in) :: self
    !> Place
    integer, intent(in) :: ip
@@ -216,7 +213,6 @@ end subroutine shape_row
 
 !> Places that see each source point, and where its shape function there is kept
 subroutine shape_transposed(self, places, column)
-   !> Shape functions
    class(shape_type), intent(in) :: self
    !> Places that see each source point
    type(csr_type), intent(out) :: places
@@ -253,17 +249,8 @@ pure function angular(x, support) result(at)
    at(2, :) = support(2, :)/norm2(x, dim=1)
 end function angular
 
-!> Largest number of neighbours
-pure integer function shape_max_count(self)
-   !> Shape functions
-   class(shape_type), intent(in) :: self
-
-   shape_max_count = int(maxval(self%neighbour%offset(2:) - self%neighbour%offset(:self%np)))
-end function shape_max_count
-
 !> Fields and derivatives at one place from coefficients at the source points
 pure subroutine interpolate(self, ip, x, first, last, field)
-   !> Shape functions
    class(shape_type), intent(in) :: self
    !> Place
    integer, intent(in) :: ip

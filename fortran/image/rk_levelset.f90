@@ -13,8 +13,8 @@
 !> equation numbers are those of the thesis named in the README.
 module rk_levelset
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_levelset_rows, only : grid_type, new_grid, advance_row, step_row, sum_row
-   use rk_precision, only : wp
+   use rk_levelset_rows, only : grid_type, new_grid, advance_row, sum_row
+   use rk_precision, only : pi, wp
    implicit none
    private
 
@@ -123,7 +123,8 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    real(wp), allocatable :: level(:, :, :), inside(:, :, :)
    real(wp), pointer :: values(:, :), weights(:), image(:, :)
    logical, allocatable :: looked(:, :)
-   real(wp) :: dt, next_means(size(means, 1), size(means, 2)), next_energy, lowest
+   real(wp), dimension(size(means, 1), size(means, 2)) :: lambda, next_means
+   real(wp) :: dt, next_energy, lowest
    integer :: iteration, attempt, now, next, voxels, levels, n, row, first
 
    energy = 0.0_wp
@@ -150,6 +151,7 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    now = 1
    next = 2
    dt = options%dt
+   lambda = options%lambda/size(means, 1)
    call measure(options, grid, values, weights, level(:, :, now), inside(:, :, now), means, &
       energy(1))
    lowest = energy(1)
@@ -158,8 +160,15 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    iterate: do iteration = 1, options%iterations
       iterations = iteration
       do attempt = 0, halvings
-         call advance(options, grid, dt, means, values, weights, level(:, :, now), &
-            inside(:, :, now), level(:, :, next))
+         !$omp parallel do default(none) schedule(static) private(row) &
+         !$omp shared(options, grid, dt, means, values, weights, level, inside, now, next, lambda)
+         do row = 1, size(grid%rows)
+            if (grid%rows(row)%last < grid%rows(row)%first) cycle
+            call advance_row(grid, grid%rows(row), options%mu, options%nu, options%epsilon, dt, &
+               lambda, means, values, weights, level(:, :, now), inside(:, :, now), &
+               level(:, :, next))
+         end do
+         !$omp end parallel do
          call measure(options, grid, values, weights, level(:, :, next), inside(:, :, next), &
             next_means, next_energy)
          if (next_energy <= lowest) exit
@@ -193,32 +202,6 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    end do
 end subroutine evolve_block
 
-subroutine advance(options, grid, dt, means, values, weights, old, inside, new)
-   type(level_set_options), intent(in) :: options
-   type(grid_type), intent(in) :: grid
-   !> Time step [-]
-   real(wp), intent(in) :: dt
-   real(wp), intent(in) :: means(:, :)
-   !> Values, shape (voxels, channels), and weights, shape (voxels) [-]
-   real(wp), intent(in), contiguous :: values(:, :), weights(:)
-   !> Level sets before and their step functions, shape (places, level sets) [-]
-   real(wp), intent(in), contiguous :: old(:, :), inside(:, :)
-   !> Level sets after, same shape [-]
-   real(wp), intent(inout), contiguous :: new(:, :)
-   real(wp) :: lambda(size(means, 1), size(means, 2))
-   integer :: row
-
-   lambda = options%lambda/size(means, 1)
-   !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, dt, means, values, weights, old, inside, new, lambda)
-   do row = 1, size(grid%rows)
-      if (grid%rows(row)%last < grid%rows(row)%first) cycle
-      call advance_row(grid, grid%rows(row), options%mu, options%nu, &
-         options%epsilon, dt, lambda, means, values, weights, old, inside, new)
-   end do
-   !$omp end parallel do
-end subroutine advance
-
 !> Step functions, means (4.5) and energy (3.29) of level sets
 subroutine measure(options, grid, values, weights, phi, inside, means, energy)
    type(level_set_options), intent(in) :: options
@@ -240,7 +223,10 @@ subroutine measure(options, grid, values, weights, phi, inside, means, energy)
    !$omp parallel do default(none) schedule(static) private(row) &
    !$omp shared(options, grid, phi, inside)
    do row = 1, size(grid%rows)
-      call step_row(grid%rows(row), options%epsilon, phi, inside)
+      associate (a => grid%rows(row)%first, b => grid%rows(row)%last)
+         ! (3.16)
+         inside(a:b, :) = 0.5_wp + atan(phi(a:b, :)/options%epsilon)/pi
+      end associate
    end do
    !$omp end parallel do
    !$omp parallel do default(none) schedule(static) private(row) &

@@ -17,7 +17,7 @@ module rk_levelset_rows
    implicit none
    private
 
-   public :: grid_type, new_grid, advance_row, step_row, sum_row
+   public :: grid_type, new_grid, advance_row, sum_row
 
    !> Voxels of a row that take part
    type :: row_type
@@ -179,24 +179,6 @@ pure subroutine squared_slope(grid, a, b, values, square)
       end do
    end do
 end subroutine squared_slope
-
-!> Step functions along a row, (3.16)
-subroutine step_row(row, epsilon, phi, inside)
-   type(row_type), intent(in) :: row
-   !> Width of the step function [-]
-   real(wp), intent(in) :: epsilon
-   !> Level sets, shape (places, level sets) [-]
-   real(wp), intent(in), contiguous :: phi(:, :)
-   !> Step functions, same shape; only the row is written [-]
-   real(wp), intent(inout), contiguous :: inside(:, :)
-   integer :: i, level
-
-   do level = 1, size(phi, 2)
-      do i = row%first, row%last
-         inside(i, level) = 0.5_wp + atan(phi(i, level)/epsilon)/pi
-      end do
-   end do
-end subroutine step_row
 
 !> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6)
 subroutine sum_row(grid, row, mu, nu, regions, channels, weight, inside, sums)

@@ -52,7 +52,6 @@ module rk_energies
       procedure :: set => set_polynomial, reduced => polynomial_energy
    end type polynomial_type
 
-   !> Muscle
    type, extends(polynomial_type) :: muscle_type
       !> Largest isometric stress, >= 0 [stress]
       real(wp) :: sigma_max
@@ -60,9 +59,7 @@ module rk_energies
       real(wp) :: lambda_o
       !> Factor, >= 0, and rate, > 0, of the passive force [-]
       real(wp) :: gamma1, gamma2
-      !> Active force
       type(curve_type) :: active_force
-      !> Passive force
       type(curve_type) :: passive_force
    contains
       procedure :: set => set_muscle, reduced => muscle_energy

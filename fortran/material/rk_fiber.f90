@@ -25,33 +25,27 @@ module rk_fiber
    !> Largest number of pieces
    integer, parameter :: max_pieces = 9
 
-   !> Force f = sum c(k) t^k + amplitude exp(rate t), t = stretch - centre, as in the thesis
-   type :: branch_type
+   !> Integral of a force by the stretch between two breaks: sum c(k) t^k + amplitude exp(rate t),
+   !> t = stretch - centre
+   type :: piece_type
+      !> Stretch above which it holds [-]
+      real(wp) :: start = 0.0_wp
       !> Centre of the powers [-]
       real(wp) :: centre = 0.0_wp
-      !> Coefficients [-]
-      real(wp) :: c(0:2) = 0.0_wp
+      !> Coefficients of the powers [-]
+      real(wp) :: c(0:degree) = 0.0_wp
       !> Factor of the exponential [-]
       real(wp) :: amplitude = 0.0_wp
-      !> Rate of the exponential, not zero [-]
+      !> Rate of the exponential [-]
       real(wp) :: rate = 1.0_wp
-   end type branch_type
+   end type piece_type
 
    !> Integral of a force by the stretch, piece by piece
    type :: curve_type
       private
       !> Number of pieces
       integer :: n = 0
-      !> Stretch above which a piece holds [-]
-      real(wp) :: start(max_pieces) = 0.0_wp
-      !> Centre of the powers [-]
-      real(wp) :: centre(max_pieces) = 0.0_wp
-      !> Coefficients of the powers [-]
-      real(wp) :: c(0:degree, max_pieces) = 0.0_wp
-      !> Factor of the exponential [-]
-      real(wp) :: amplitude(max_pieces) = 0.0_wp
-      !> Rate of the exponential [-]
-      real(wp) :: rate(max_pieces) = 1.0_wp
+      type(piece_type) :: piece(max_pieces)
    end type curve_type
 
 contains
@@ -60,13 +54,12 @@ contains
 pure function active_curve(smooth) result(curve)
    !> Smooth or as published?
    logical, intent(in) :: smooth
-   !> Curve
    type(curve_type) :: curve
-   type(branch_type) :: branch(5)
+   type(piece_type) :: branch(5)
 
-   branch(2) = branch_type(0.4_wp, [0.0_wp, 0.0_wp, 9.0_wp])
-   branch(3) = branch_type(1.0_wp, [1.0_wp, 0.0_wp, -4.0_wp])
-   branch(4) = branch_type(1.6_wp, [0.0_wp, 0.0_wp, 9.0_wp])
+   branch(2) = new_branch(0.4_wp, [0.0_wp, 0.0_wp, 9.0_wp])
+   branch(3) = new_branch(1.0_wp, [1.0_wp, 0.0_wp, -4.0_wp])
+   branch(4) = new_branch(1.6_wp, [0.0_wp, 0.0_wp, 9.0_wp])
    curve = new_curve(branch, [0.4_wp, 0.6_wp, 1.4_wp, 1.6_wp], &
       & [0.0_wp, 0.05_wp, 0.05_wp, 0.15_wp], [0.15_wp, 0.05_wp, 0.05_wp, 0.0_wp], smooth)
 end function active_curve
@@ -79,16 +72,33 @@ pure function passive_curve(smooth, gamma1, gamma2) result(curve)
    real(wp), intent(in) :: gamma1
    !> Rate, > 0 [-]
    real(wp), intent(in) :: gamma2
-   !> Curve
    type(curve_type) :: curve
-   type(branch_type) :: branch(3)
+   type(piece_type) :: branch(3)
    real(wp) :: growth
 
    growth = gamma1*exp(0.4_wp*gamma2)
-   branch(2) = branch_type(1.0_wp, [-gamma1, 0.0_wp, 0.0_wp], gamma1, gamma2)
-   branch(3) = branch_type(1.4_wp, [growth - gamma1, growth*gamma2, 0.0_wp])
+   branch(2) = new_branch(1.0_wp, [-gamma1, 0.0_wp, 0.0_wp])
+   branch(2)%amplitude = gamma1/gamma2
+   branch(2)%rate = gamma2
+   branch(3) = new_branch(1.4_wp, [growth - gamma1, growth*gamma2, 0.0_wp])
    curve = new_curve(branch, [1.0_wp, 1.4_wp], [0.0_wp, 0.05_wp], [0.15_wp, 0.05_wp], smooth)
 end function passive_curve
+
+!> Force sum c(k) t^k, t = stretch - centre, as in the thesis
+pure function new_branch(centre, c) result(branch)
+   !> Centre of the powers [-]
+   real(wp), intent(in) :: centre
+   !> Coefficients [-]
+   real(wp), intent(in) :: c(0:)
+   !> Its integral
+   type(piece_type) :: branch
+   integer :: k
+
+   branch%centre = centre
+   do k = 0, ubound(c, 1)
+      branch%c(k + 1) = c(k)/(k + 1)
+   end do
+end function new_branch
 
 !> Integral of the force from stretch 1, the force and its derivatives by the stretch
 pure subroutine evaluate_curve(curve, stretch, order, d)
@@ -103,17 +113,15 @@ pure subroutine evaluate_curve(curve, stretch, order, d)
 
    i = 1
    do while (i < curve%n)
-      if (.not. stretch > curve%start(i + 1)) exit
+      if (.not. stretch > curve%piece(i + 1)%start) exit
       i = i + 1
    end do
-   call evaluate_piece(curve, i, stretch, order, d)
+   call evaluate_piece(curve%piece(i), stretch, order, d)
 end subroutine evaluate_curve
 
 !> The same for one piece, also outside the interval where it holds
-pure subroutine evaluate_piece(curve, i, stretch, order, d)
-   type(curve_type), intent(in) :: curve
-   !> Number of the piece
-   integer, intent(in) :: i
+pure subroutine evaluate_piece(piece, stretch, order, d)
+   type(piece_type), intent(in) :: piece
    !> Normalised stretch [-]
    real(wp), intent(in) :: stretch
    integer, intent(in) :: order
@@ -122,32 +130,32 @@ pure subroutine evaluate_piece(curve, i, stretch, order, d)
    real(wp) :: t, power
    integer :: k, m
 
-   t = stretch - curve%centre(i)
+   t = stretch - piece%centre
    d(0:order) = 0.0_wp
    do k = degree, 0, -1
       do m = order, 1, -1
          d(m) = d(m)*t + d(m - 1)
       end do
-      d(0) = d(0)*t + curve%c(k, i)
+      d(0) = d(0)*t + piece%c(k)
    end do
    power = 1.0_wp
    do m = 2, order
       power = power*m
       d(m) = d(m)*power
    end do
-   if (abs(curve%amplitude(i)) > 0.0_wp) then
-      power = curve%amplitude(i)*exp(curve%rate(i)*t)
+   if (abs(piece%amplitude) > 0.0_wp) then
+      power = piece%amplitude*exp(piece%rate*t)
       do m = 0, order
          d(m) = d(m) + power
-         power = power*curve%rate(i)
+         power = power*piece%rate
       end do
    end if
 end subroutine evaluate_piece
 
 !> Curve of branches that meet at breaks, with blended zones around the breaks
 pure function new_curve(branch, break, below, above, smooth) result(curve)
-   !> Forces between the breaks, shape (breaks + 1)
-   type(branch_type), intent(in) :: branch(:)
+   !> Integrals of the forces between the breaks, shape (breaks + 1)
+   type(piece_type), intent(in) :: branch(:)
    !> Stretches where the branches meet, rising [-]
    real(wp), intent(in) :: break(:)
    !> Width of the blended zone below a break [-]
@@ -156,13 +164,11 @@ pure function new_curve(branch, break, below, above, smooth) result(curve)
    real(wp), intent(in) :: above(:)
    !> Are there blended zones?
    logical, intent(in) :: smooth
-   !> Curve
    type(curve_type) :: curve
-   type(curve_type) :: beyond
    real(wp) :: left(0:4), right(0:4), first, last, at_one(0:0)
    integer :: i
 
-   call add_branch(curve, branch(1), 0.0_wp)
+   call append(curve, branch(1), 0.0_wp)
    do i = 1, size(break)
       first = break(i)
       last = break(i)
@@ -170,43 +176,37 @@ pure function new_curve(branch, break, below, above, smooth) result(curve)
          first = break(i) - below(i)
          last = break(i) + above(i)
          call evaluate_curve(curve, first, 4, left)
-         beyond = curve_type()
-         call add_branch(beyond, branch(i + 1), last)
-         call evaluate_piece(beyond, 1, last, 4, right)
-         call add_blend(curve, first, last - first, left(1:4), right(1:4))
+         call evaluate_piece(branch(i + 1), last, 4, right)
+         call append(curve, blend(first, last - first, left(1:4), right(1:4)), first)
       end if
-      call add_branch(curve, branch(i + 1), last)
+      call append(curve, branch(i + 1), last)
    end do
    call evaluate_curve(curve, 1.0_wp, 0, at_one)
-   curve%c(0, :curve%n) = curve%c(0, :curve%n) - at_one(0)
+   do i = 1, curve%n
+      curve%piece(i)%c(0) = curve%piece(i)%c(0) - at_one(0)
+   end do
 end function new_curve
 
-!> Append a branch, its integral continuing that of the piece before
-pure subroutine add_branch(curve, branch, start)
+!> Append a piece, its integral continuing that of the piece before
+pure subroutine append(curve, piece, start)
    type(curve_type), intent(inout) :: curve
-   !> Force
-   type(branch_type), intent(in) :: branch
+   !> Piece, whose integral is known but for a constant
+   type(piece_type), intent(in) :: piece
    !> Stretch above which it holds [-]
    real(wp), intent(in) :: start
-   integer :: k
-   real(wp) :: before(0:0)
+   real(wp) :: before(0:0), begin(0:0)
 
    before = 0.0_wp
    if (curve%n > 0) call evaluate_curve(curve, start, 0, before)
+   call evaluate_piece(piece, start, 0, begin)
    curve%n = curve%n + 1
-   curve%start(curve%n) = start
-   curve%centre(curve%n) = branch%centre
-   do k = 0, 2
-      curve%c(k + 1, curve%n) = branch%c(k)/(k + 1)
-   end do
-   curve%rate(curve%n) = branch%rate
-   curve%amplitude(curve%n) = branch%amplitude/branch%rate
-   call close_gap(curve, before(0))
-end subroutine add_branch
+   curve%piece(curve%n) = piece
+   curve%piece(curve%n)%start = start
+   curve%piece(curve%n)%c(0) = piece%c(0) + before(0) - begin(0)
+end subroutine append
 
-!> Append the polynomial force of degree 7 with four given derivatives at both ends
-pure subroutine add_blend(curve, start, width, left, right)
-   type(curve_type), intent(inout) :: curve
+!> Polynomial force of degree 7 with four given derivatives at both ends
+pure function blend(start, width, left, right) result(piece)
    !> Stretch where it begins [-]
    real(wp), intent(in) :: start
    !> Width [-]
@@ -215,10 +215,10 @@ pure subroutine add_blend(curve, start, width, left, right)
    real(wp), intent(in) :: left(0:3)
    !> Force and three derivatives at the end [-]
    real(wp), intent(in) :: right(0:3)
-   real(wp) :: low(0:3), gap(0:3), b(0:3), high(4:7), c(0:7), before(0:0)
+   type(piece_type) :: piece
+   real(wp) :: low(0:3), gap(0:3), b(0:3), high(4:7)
    integer :: k
 
-   call evaluate_curve(curve, start, 0, before)
    ! In u = (stretch - start)/width: low powers from the left, then u^4 times a cubic in u - 1
    low = left*[1.0_wp, width, width**2/2.0_wp, width**3/6.0_wp]
    gap = right*[1.0_wp, width, width**2/2.0_wp, width**3/6.0_wp] &
@@ -229,25 +229,7 @@ pure subroutine add_blend(curve, start, width, left, right)
    b(3) = gap(3) - 4.0_wp*b(0) - 6.0_wp*b(1) - 4.0_wp*b(2)
    high = [b(0) - b(1) + b(2) - b(3), b(1) - 2.0_wp*b(2) + 3.0_wp*b(3), b(2) - 3.0_wp*b(3), b(3)]
 
-   curve%n = curve%n + 1
-   curve%start(curve%n) = start
-   curve%centre(curve%n) = start
-   c = [low, high]
-   do k = 0, 7
-      curve%c(k + 1, curve%n) = c(k)/width**k/(k + 1)
-   end do
-   call close_gap(curve, before(0))
-end subroutine add_blend
-
-!> Make the integral of the last piece start at a value
-pure subroutine close_gap(curve, before)
-   type(curve_type), intent(inout) :: curve
-   !> Integral at the start of the last piece [-]
-   real(wp), intent(in) :: before
-   real(wp) :: begin(0:0)
-
-   call evaluate_piece(curve, curve%n, curve%start(curve%n), 0, begin)
-   curve%c(0, curve%n) = curve%c(0, curve%n) + before - begin(0)
-end subroutine close_gap
+   piece = new_branch(start, [low, high]/[(width**k, k=0, 7)])
+end function blend
 
 end module rk_fiber

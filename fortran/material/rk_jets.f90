@@ -84,7 +84,6 @@ end subroutine new_jets
 
 !> Whether a value is a number
 pure logical function fixed(tape, i)
-   !> Operations
    type(tape_type), intent(in) :: tape
    !> Value
    integer, intent(in) :: i
@@ -183,7 +182,6 @@ pure subroutine run(self, x, jet)
 end subroutine run
 
 pure function multiplied(a, b) result(z)
-   !> Jets
    real(wp), intent(in) :: a(0:, 0:), b(0:, 0:)
    real(wp) :: z(0:ubound(a, 1), 0:ubound(a, 1))
    integer :: k
@@ -199,7 +197,6 @@ end function multiplied
 pure function composed(f, a) result(z)
    !> The function and its derivatives at the value of the jet
    real(wp), intent(in) :: f(0:2)
-   !> Jet
    real(wp), intent(in) :: a(0:, 0:)
    real(wp) :: z(0:ubound(a, 1), 0:ubound(a, 1))
    integer :: k
@@ -218,7 +215,6 @@ end function composed
 !> Whether a comparison holds
 elemental logical function holds(operation, a, b)
    integer, intent(in) :: operation
-   !> What is compared
    real(wp), intent(in) :: a, b
 
    select case (operation)
@@ -259,7 +255,6 @@ end function powered
 
 !> Logarithm and its derivatives
 pure function logarithmic(a) result(f)
-   !> Argument
    real(wp), intent(in) :: a
    real(wp) :: f(0:2)
 

@@ -76,7 +76,6 @@ module rk_material
       !> Has its stress kinks, at which a residual in strong form jumps?
       logical :: kinked = .false.
    contains
-      !> Take the parameters
       procedure(set_material), deferred :: set
       !> Derivatives of the reduced energy
       procedure(reduced_energy), deferred :: reduced
@@ -105,7 +104,6 @@ module rk_material
          type(invariant_state), intent(in) :: state
          !> Highest derivative wanted, 0..2
          integer, intent(in) :: order
-         !> Energy and derivatives
          type(energy_derivatives), intent(out) :: w
       end subroutine reduced_energy
    end interface

@@ -11,10 +11,9 @@ module rk_tensor
    implicit none
    private
 
-   public :: identity, determinant, cofactor, cross, cross_form, add_cross_form, principal_values
-   public :: vector_product, solve_definite
+   public :: identity, determinant, cofactor, cofactor_slope, cross, add_cross_form
+   public :: principal_values, vector_product, solve_definite
 
-   !> Identity
    real(wp), parameter :: identity(3, 3) = reshape([1.0_wp, 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp, &
       & 0.0_wp, 0.0_wp, 0.0_wp, 1.0_wp], [3, 3])
    !> Next and previous index in cyclic order
@@ -23,7 +22,6 @@ module rk_tensor
 contains
 
 pure real(wp) function determinant(f)
-   !> Matrix
    real(wp), intent(in) :: f(3, 3)
 
    determinant = f(1, 1)*(f(2, 2)*f(3, 3) - f(2, 3)*f(3, 2)) &
@@ -33,7 +31,6 @@ end function determinant
 
 !> Cofactors, the derivatives of the determinant
 pure function cofactor(f) result(c)
-   !> Matrix
    real(wp), intent(in) :: f(3, 3)
    real(wp) :: c(3, 3)
    integer :: i, a
@@ -47,9 +44,7 @@ end function cofactor
 
 !> Product of two matrices (A x B)_iA = e_ijk e_ABC A_jB B_kC
 pure function cross(a, b) result(c)
-   !> Left matrix
    real(wp), intent(in) :: a(3, 3)
-   !> Right matrix
    real(wp), intent(in) :: b(3, 3)
    !> Product, symmetric in a and b
    real(wp) :: c(3, 3)
@@ -65,17 +60,21 @@ pure function cross(a, b) result(c)
    end do
 end function cross
 
-!> Symmetric matrix of X -> M x X, with index i + 3 (A - 1) of both
-pure function cross_form(m) result(k)
-   !> Matrix M
-   real(wp), intent(in) :: m(3, 3)
-   real(wp) :: k(9, 9)
+!> Second derivatives of J contracted with a vector on the second index: J_FF(i, A, k, C) v_A
+pure function cofactor_slope(f, v) result(t)
+   !> F(i, A)
+   real(wp), intent(in) :: f(3, 3)
+   !> Vector with index A
+   real(wp), intent(in) :: v(3)
+   real(wp) :: t(3, 3, 3)
+   real(wp) :: form(3, 3, 3, 3)
 
-   k = 0.0_wp
-   call add_cross_form(1.0_wp, m, k)
-end function cross_form
+   form = 0.0_wp
+   call add_cross_form(1.0_wp, f, form)
+   t = form(:, 1, :, :)*v(1) + form(:, 2, :, :)*v(2) + form(:, 3, :, :)*v(3)
+end function cofactor_slope
 
-!> Add a multiple of the matrix of X -> M x X
+!> Add a multiple of the symmetric matrix of X -> M x X
 pure subroutine add_cross_form(factor, m, k)
    real(wp), intent(in) :: factor
    !> Matrix M
@@ -119,7 +118,6 @@ pure function principal_values(a) result(e)
 end function principal_values
 
 pure function vector_product(a, b) result(c)
-   !> Vectors
    real(wp), intent(in) :: a(3), b(3)
    real(wp) :: c(3)
 

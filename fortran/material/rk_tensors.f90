@@ -154,7 +154,6 @@ pure subroutine add_form(inv, n, factor, form)
    type(invariants_type), intent(in) :: inv
    integer, intent(in) :: n
    real(wp), intent(in) :: factor
-   !> Matrix
    real(wp), intent(inout) :: form(9, 9)
    integer :: i, a, b
 
@@ -209,7 +208,6 @@ end subroutine add_i2
 
 !> Matrix as a vector
 pure function flat(m) result(v)
-   !> Matrix
    real(wp), intent(in) :: m(3, 3)
    real(wp) :: v(9)
 

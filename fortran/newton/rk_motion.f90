@@ -212,7 +212,8 @@ subroutine march(body, motion, x, recorder, timer, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: before(:), now(:), next(:)
    type(iteration_type) :: it
-   real(wp) :: largest, limit
+   type(step_type) :: st
+   real(wp) :: largest, limit, none
    integer(i8) :: clock
    integer :: k, steps
 
@@ -235,6 +236,8 @@ subroutine march(body, motion, x, recorder, timer, error)
    if (.not. allocated(error)) call body%start(before, now, error)
    if (allocated(error)) return
    largest = max(maxval(abs(before)), maxval(abs(now)))
+   ! small strains have no volume ratio
+   none = ieee_value(none, ieee_quiet_nan)
    ! a body that loads move from rest has no size to compare with yet
    if (.not. largest > 0.0_wp) largest = huge(1.0_wp)/blown_up
    do k = 1, steps
@@ -261,37 +264,19 @@ subroutine march(body, motion, x, recorder, timer, error)
          it%seconds = tick(timer%start)
          it%solver%rcond = 1.0_wp
          call recorder%iteration(it)
-         call tell(k)
+         st = step_type(step=k, steps=steps, load=it%load, iterations=1, min_j=none, max_j=none)
+         st%energy = [none, none, none]
+         select type (body)
+         class is (form_motion)
+            st%energy = body%energy(now, next)
+         end select
+         call recorder%step(st, now)
       end if
       before = now
       now = next
    end do
    x = before
    timer%solve = tick(clock)
-
-contains
-
-   !> Hand over the state at time step k
-   subroutine tell(k)
-      integer, intent(in) :: k
-      type(step_type) :: st
-      real(wp) :: none
-
-      ! small strains have no volume ratio
-      none = ieee_value(none, ieee_quiet_nan)
-      st%step = k
-      st%steps = steps
-      st%load = k*motion%time_step
-      st%iterations = 1
-      st%min_j = none
-      st%max_j = none
-      st%energy = [none, none, none]
-      select type (body)
-      class is (form_motion)
-         st%energy = body%energy(now, next)
-      end select
-      call recorder%step(st, now)
-   end subroutine tell
 
 end subroutine march
 

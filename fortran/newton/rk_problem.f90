@@ -190,12 +190,10 @@ subroutine get_advice(self, text)
    if (self%scene%has_kinks()) then
       text = 'the stress has kinks: use curve = "smooth" for fibers, in an energy of your own ' &
          & //'smooth functions in place of max, min, abs and comparisons'
-   else if (self%scene%method == 'rkcm') then
-      text = 'rounding errors dominate, as K is '//text//' times the shear modulus, or residuals ' &
-         & //'remain: use method "rkpm-gauss"'
    else
       text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
-         & //'no step reduces the residual; use a smaller K, more points or less load'
+         & //'no step reduces the residual; use method "rkpm-gauss", a smaller K, more points or ' &
+         & //'less load'
    end if
 end subroutine get_advice
 

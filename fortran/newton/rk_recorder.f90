@@ -81,19 +81,11 @@ module rk_recorder
 
    !> Receiver of what happens
    type, abstract :: recorder_type
+      !> Receiver of the caller, asked whether to stop, where there is one
+      class(recorder_type), pointer :: receiver => null()
    contains
-      procedure :: iteration, step
-      !> Whether the user wants to stop
-      procedure(stop_interface), deferred :: stopped
-      procedure :: note
+      procedure :: iteration, step, stopped, note
    end type recorder_type
-
-   abstract interface
-      logical function stop_interface(self)
-         import :: recorder_type
-         class(recorder_type), intent(inout) :: self
-      end function stop_interface
-   end interface
 
 contains
 
@@ -116,6 +108,14 @@ subroutine step(self, st, x)
    associate (unused => self, unused_step => st, unused_x => x)
    end associate
 end subroutine step
+
+!> Whether the user wants to stop
+logical function stopped(self)
+   class(recorder_type), intent(inout) :: self
+
+   stopped = associated(self%receiver)
+   if (stopped) stopped = self%receiver%stopped()
+end function stopped
 
 !> Something happened on the way; a receiver without a reader keeps still
 subroutine note(self, line, warning)

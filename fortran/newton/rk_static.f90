@@ -58,10 +58,8 @@ subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recor
    waits = merge(rests, 0, halvings > 0)
    first = 1
    if (present(last)) then
-      record%gradient = last%gradient
-      record%step_norm = last%step_norm
-      record%min_j = last%min_j
-      record%max_j = last%max_j
+      record = step_type(gradient=last%gradient, step_norm=last%step_norm, min_j=last%min_j, &
+         & max_j=last%max_j)
       first = last%step + 1
       done = last%load
    end if

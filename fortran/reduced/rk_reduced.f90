@@ -28,7 +28,6 @@ module rk_reduced
    !> A problem in the span of modes; unknowns are the modes' amplitudes
    type, extends(problem_type) :: projected_problem
       private
-      !> Full problem
       class(discretisation_type), pointer :: full => null()
       !> Orthonormal modes, shape (full n, r)
       real(wp), allocatable :: modes(:, :)

@@ -46,8 +46,9 @@ subroutine error_norms(problem, x, time, norms, error)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: place(:, :), weight(:), node(:), node_weight(:)
    type(shape_type) :: shape
-   real(wp) :: total(4)
-   integer :: first, last, cells, per_cell, n, nd
+   real(wp), dimension(problem%fields, problem%shape%nq) :: u, exact
+   real(wp) :: sums(4), total(4)
+   integer :: first, last, cells, per_cell, ip, n, nd
 
    associate (scene => problem%scene)
       nd = scene%cloud%nd
@@ -64,8 +65,17 @@ subroutine error_norms(problem, x, time, norms, error)
             & node, node_weight, place, weight)
          call scene%shape_at(place, shape, error)
          if (allocated(error)) return
-         call add_integrals(problem, shape, place, weight, x, time, total, error)
-         if (allocated(error)) return
+         sums = 0.0_wp
+         do ip = 1, shape%np
+            call shape%interpolate(ip, x, 1, 1 + nd, u)
+            call solution_at(scene%equation, place(:, ip), time, exact, error)
+            if (allocated(error)) return
+            u = u - exact
+            ! error, solution, and their gradients
+            sums = sums + weight(ip)*[sum(u(:, 1)**2), sum(exact(:, 1)**2), &
+               & sum(u(:, 2:1 + nd)**2), sum(exact(:, 2:1 + nd)**2)]
+         end do
+         total = total + sums
       end do
    end associate
    total(3:) = total(3:) + total(:2)
@@ -104,37 +114,5 @@ pure subroutine gauss_points(centre, edge, node, node_weight, place, weight)
       end do
    end do
 end subroutine gauss_points
-
-!> Add the integrals of the squares of error, solution and their gradients
-subroutine add_integrals(problem, shape, place, weight, x, time, total, error)
-   class(discretisation_type), intent(in) :: problem
-   !> Shape functions at the points
-   type(shape_type), intent(in) :: shape
-   !> Points, shape (nd, np) [length]
-   real(wp), intent(in) :: place(:, :)
-   !> Weights, shape (np)
-   real(wp), intent(in) :: weight(:)
-   real(wp), contiguous, intent(in) :: x(:)
-   real(wp), intent(in) :: time
-   !> Error, solution, gradient of the error, gradient of the solution, to which these are added
-   real(wp), intent(inout) :: total(4)
-   !> Error handling: a solution that is not finite
-   type(error_type), allocatable, intent(inout) :: error
-   real(wp) :: sums(4)
-   real(wp) :: u(problem%fields, shape%nq), exact(problem%fields, shape%nq)
-   integer :: ip, last
-
-   last = 1 + shape%nd
-   sums = 0.0_wp
-   do ip = 1, shape%np
-      call shape%interpolate(ip, x, 1, last, u)
-      call solution_at(problem%scene%equation, place(:, ip), time, exact, error)
-      if (allocated(error)) return
-      u = u - exact
-      sums = sums + weight(ip)*[sum(u(:, 1)**2), sum(exact(:, 1)**2), sum(u(:, 2:last)**2), &
-         & sum(exact(:, 2:last)**2)]
-   end do
-   total = total + sums
-end subroutine add_integrals
 
 end module rk_error_norms

@@ -162,8 +162,10 @@ real(wp) function muscle_value(problem, probe, state) result(value)
    type(probe_type), intent(in) :: probe
    type(field_state), intent(in) :: state
    type(point_state) :: local
+   real(wp), allocatable :: fraction(:), along(:, :)
+   integer, allocatable :: tissue(:)
    real(wp) :: fiber(3), part, total, one
-   integer :: ip
+   integer :: ip, k
 
    if (probe%quantity == 'energy') then
       value = problem%strain_energy(state, probe%material)
@@ -172,11 +174,13 @@ real(wp) function muscle_value(problem, probe, state) result(value)
    value = 0.0_wp
    total = 0.0_wp
    do ip = 1, size(problem%scene%cloud%points, 2)
-      part = problem%scene%cloud%volume(ip)*problem%mixture%part_of(ip, probe%material)
-      fiber = problem%mixture%fiber_of(ip, probe%material)
-      if (.not. part*norm2(fiber) > 0.0_wp) cycle
+      call problem%mixture%parts(ip, tissue, fraction, along)
+      k = findloc(tissue, probe%material, dim=1)
+      if (k == 0) cycle
+      part = problem%scene%cloud%volume(ip)*fraction(k)
+      if (.not. part*norm2(along(:, k)) > 0.0_wp) cycle
       call problem%at_point(state, ip, local)
-      fiber = matmul(local%f, fiber)
+      fiber = matmul(local%f, along(:, k))
       one = norm2(fiber)
       if (probe%quantity == 'pennation') one = 180.0_wp/pi &
          & *acos(min(abs(dot_product(fiber, probe%normal))/one, 1.0_wp))

@@ -20,6 +20,8 @@ module rk_cloud
    !> Edges of a voxel that its point may be off its centre: those on the surface were moved there,
    !> at shallow ends by three edges [-]
    real(wp), parameter :: moved = 10.0_wp
+   !> By how much unit vectors and sums of fractions may be off [-]
+   real(wp), parameter :: off_unit = 1.0e-6_wp
    !> Memory that arrays on the grid of the voxels take at the most: eight octants of 4 bytes, a
    !> distance and a number [byte]
    real(wp), parameter :: voxel_bytes = 44.0_wp
@@ -99,7 +101,7 @@ module rk_cloud
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
-      procedure :: find_set, in_set, sides, meets_side, set_centroid, mean_spacing
+      procedure :: find_set, in_set, sides, meets_side, mean_spacing
       procedure :: centres, labels, nearest_sources, nearest_source
    end type cloud_type
 
@@ -156,29 +158,9 @@ pure logical function meets_side(self, set, side)
    integer, intent(in) :: side
    integer :: e
 
-   meets_side = set == side
-   if (meets_side .or. .not. allocated(self%within)) return
-   meets_side = any([(self%within(set, e), e=1, size(self%boundary_set))] &
+   meets_side = set == side .or. any(self%in_set([(e, e=1, size(self%boundary_set))], set) &
       & .and. self%boundary_set == side)
 end function meets_side
-
-!> Middle of a set by area, shape (nd) [length]
-pure function set_centroid(self, set) result(middle)
-   class(cloud_type), intent(in) :: self
-   !> Set, which has entries
-   integer, intent(in) :: set
-   real(wp) :: middle(self%nd), total
-   integer :: e
-
-   middle = 0.0_wp
-   total = 0.0_wp
-   do e = 1, size(self%boundary_set)
-      if (.not. self%in_set(e, set)) cycle
-      middle = middle + self%area(e)*self%points(:, self%boundary_point(e))
-      total = total + self%area(e)
-   end do
-   middle = middle/total
-end function set_centroid
 
 !> Distance of neighbouring source points: the edge of a cube as large as the mean cell [length]
 pure real(wp) function mean_spacing(self)
@@ -250,18 +232,24 @@ subroutine take_arrays(self, error)
    call need('points', np > 0 .and. are_columns(self%points, np))
    call need('label', size(self%label) == np)
    call need('fiber', are_columns(self%fiber, np))
+   call need_each('fiber', norm2(self%fiber, dim=1) <= off_unit &
+      & .or. abs(norm2(self%fiber, dim=1) - 1.0_wp) <= off_unit)
    call need('volume', size(self%volume) == np .and. all(self%volume >= 0.0_wp &
       & .and. self%volume <= huge(1.0_wp)) .and. any(self%volume > 0.0_wp))
    call need('boundary_point', all(self%boundary_point >= 0 .and. self%boundary_point < np))
    call need('boundary_set', size(self%boundary_set) == nb .and. all(self%boundary_set >= 0 &
       & .and. self%boundary_set < size(self%set_names)))
    call need('normal', are_columns(self%normal, nb))
+   call need_each('normal', abs(norm2(self%normal, dim=1) - 1.0_wp) < off_unit)
    call need('area', size(self%area) == nb .and. all(self%area >= 0.0_wp &
       & .and. self%area <= huge(1.0_wp)))
    if (allocated(self%activation)) call need('activation', size(self%activation) == np &
       & .and. all(self%activation >= 0.0_wp .and. self%activation <= 1.0_wp))
-   if (allocated(self%fraction)) call need('fraction', all(shape(self%fraction) &
-      & == [size(self%fraction_label), np]) .and. all(abs(self%fraction) <= huge(1.0_wp)))
+   if (allocated(self%fraction)) then
+      call need('fraction', all(shape(self%fraction) == [size(self%fraction_label), np]))
+      call need_each('fraction', all(self%fraction >= 0.0_wp, dim=1) &
+         & .and. abs(sum(self%fraction, dim=1) - 1.0_wp) < off_unit)
+   end if
    if (allocated(self%voxels%index)) then
       associate (voxels => self%voxels)
          call need('voxels/index', all(shape(voxels%index) == [3, np]) &
@@ -293,53 +281,40 @@ contains
    end function are_columns
 
    !> The first complaint is kept
-   subroutine need(name, right)
+   subroutine need(name, right, of)
       !> Array, and whether it is what it must be
       character(len=*), intent(in) :: name
       logical, intent(in) :: right
+      !> What of it is not
+      character(len=*), intent(in), optional :: of
+      character(len=:), allocatable :: entry
 
-      if (.not. (right .or. allocated(error))) call fatal_error(error, err_input, "'"//name &
-         & //"' does not have the numbers of a model: one for each point, finite and in range")
+      if (right .or. allocated(error)) return
+      entry = ''
+      if (present(of)) entry = of
+      call fatal_error(error, err_input, "'"//name//"'"//entry//' does not have the numbers of a ' &
+         & //'model: one for each point, finite and in range; normals and fibers are unit ' &
+         & //'vectors (no fiber: zeros), fractions add up to 1')
    end subroutine need
+
+   !> Name the first wrong entry
+   subroutine need_each(name, right)
+      character(len=*), intent(in) :: name
+      logical, intent(in) :: right(:)
+
+      call need(name, all(right), ', entry '//to_text(findloc(right, .false., dim=1))//',')
+   end subroutine need_each
 
 end subroutine take_arrays
 
-!> Refuse what no later station could make sense of
+!> Refuse two points in one place
 subroutine check_cloud(self, error)
    type(cloud_type), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
-   integer :: i
 
    call check_distinct(self%source, alike*self%spacing, 'source', error)
    if (.not. allocated(error)) call check_distinct(self%points, &
       & spread(alike*minval(self%spacing, dim=2), 2, size(self%points, 2)), 'collocation', error)
-   if (allocated(error)) return
-   do i = 1, size(self%points, 2)
-      if (.not. (norm2(self%fiber(:, i)) <= 1.0e-6_wp .or. &
-         & abs(norm2(self%fiber(:, i)) - 1.0_wp) <= 1.0e-6_wp)) then
-         call fatal_error(error, err_input, 'fiber at collocation point '//to_text(i)//' at ' &
-            & //to_text(self%points(:, i))//' is '//to_text(self%fiber(:, i)) &
-            & //': neither a unit vector nor zero')
-         return
-      end if
-   end do
-   if (allocated(self%fraction)) then
-      i = findloc(all(self%fraction >= 0.0_wp, dim=1) .and. &
-         & abs(sum(self%fraction, dim=1) - 1.0_wp) < 1.0e-6_wp, .false., dim=1)
-      if (i > 0) then
-         call fatal_error(error, err_input, 'fractions of tissues at collocation point ' &
-            & //to_text(i)//' at '//to_text(self%points(:, i))//' are ' &
-            & //to_text(self%fraction(:, i))//': none may be negative, and their sum must be 1')
-         return
-      end if
-   end if
-   do i = 1, size(self%boundary_point)
-      if (.not. abs(norm2(self%normal(:, i)) - 1.0_wp) < 1.0e-6_wp) then
-         call fatal_error(error, err_input, 'normal of boundary entry '//to_text(i)//' at ' &
-            & //to_text(self%points(:, self%boundary_point(i)))//' is not a unit vector')
-         return
-      end if
-   end do
 end subroutine check_cloud
 
 !> Refuse two points in one place: equal source points make the equations singular, equal

@@ -13,15 +13,7 @@ module rk_coefficients
    implicit none
    private
 
-   public :: coefficients_type, new_coefficients, coefficient_at, moduli, set_essential_weight
-
-   !> Coefficients at points
-   type :: coefficients_type
-      !> Lambda and mu, shape (2, np) [stress]
-      real(wp), allocatable :: pair(:, :)
-      !> Their first derivatives, shape (2, nd, np) [stress/length]
-      real(wp), allocatable :: slope(:, :, :)
-   end type coefficients_type
+   public :: new_coefficients, coefficient_at, moduli, set_essential_weight
 
    !> Distance of values whose differences are derivatives, in sizes of the body [-]
    real(wp), parameter :: difference = 1.0e-3_wp
@@ -29,8 +21,11 @@ module rk_coefficients
 contains
 
 !> Coefficients at points, with or without derivatives
-subroutine new_coefficients(self, scene, x, with_slope, error)
-   type(coefficients_type), intent(out) :: self
+subroutine new_coefficients(pair, slope, scene, x, with_slope, error)
+   !> Lambda and mu, shape (2, np) [stress]
+   real(wp), allocatable, intent(out) :: pair(:, :)
+   !> Their first derivatives, if wanted, shape (2, nd, np) [stress/length]
+   real(wp), allocatable, intent(out) :: slope(:, :, :)
    !> Scene with an equation
    type(scene_type), intent(in) :: scene
    !> Points, shape (nd, np) [length]
@@ -39,26 +34,24 @@ subroutine new_coefficients(self, scene, x, with_slope, error)
    logical, intent(in) :: with_slope
    !> Error handling: an expression without a value there, coefficients that are not positive
    type(error_type), allocatable, intent(out) :: error
-   real(wp) :: pair(2)
-   integer :: ip, nd
+   integer :: ip
 
-   nd = size(x, 1)
-   allocate (self%pair(2, size(x, 2)))
-   if (with_slope) allocate (self%slope(2, nd, size(x, 2)), source=0.0_wp)
+   allocate (pair(2, size(x, 2)))
+   if (with_slope) allocate (slope(2, size(x, 1), size(x, 2)), source=0.0_wp)
    associate (equation => scene%equation)
       if (.not. equation%varies()) then
-         call coefficient_at(equation, spread(0.0_wp, 1, nd), pair, error)
-         self%pair = spread(pair, 2, size(x, 2))
+         call coefficient_at(equation, x(:, 1), pair(:, 1), error)
+         pair(:, 2:) = spread(pair(:, 1), 2, size(x, 2) - 1)
          return
       end if
       if (equation%smoothing > 0.0_wp) then
-         call interpolate(self, scene, x, error)
+         call interpolate(pair, slope, scene, x, error)
          return
       end if
       do ip = 1, size(x, 2)
-         call coefficient_at(equation, x(:, ip), self%pair(:, ip), error)
+         call coefficient_at(equation, x(:, ip), pair(:, ip), error)
          if (with_slope .and. .not. allocated(error)) &
-            & call differentiate(equation, x(:, ip), self%slope(:, :, ip), error)
+            & call differentiate(equation, x(:, ip), slope(:, :, ip), error)
          if (allocated(error)) return
       end do
    end associate
@@ -70,18 +63,18 @@ subroutine set_essential_weight(scene, error)
    type(scene_type), intent(inout) :: scene
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
-   type(coefficients_type) :: coefficient
    type(error_type), allocatable :: failure
+   real(wp), allocatable :: pair(:, :), slope(:, :, :)
 
    if (scene%solver%weight_essential > 0.0_wp) return
-   call new_coefficients(coefficient, scene, scene%cloud%points, .false., failure)
+   call new_coefficients(pair, slope, scene, scene%cloud%points, .false., failure)
    if (allocated(failure)) then
       if (.not. allocated(error)) call move_alloc(failure, error)
       return
    end if
    scene%solver%weight_essential = merge(scene%solver%weight_c4, &
       & real(size(scene%cloud%source, 2), wp), scene%solver%weight_c4 > 0.0_wp) &
-      & *maxval(coefficient%pair)
+      & *maxval(pair)
 end subroutine set_essential_weight
 
 !> Coefficients at a place, as the deck gives them
@@ -155,8 +148,10 @@ end subroutine differentiate
 
 !> Coefficients that reproducing kernel functions of order 1 interpolate between source points:
 !> jumps become smooth, as rows of second derivatives need them (thesis, figure 6.5)
-subroutine interpolate(self, scene, x, error)
-   type(coefficients_type), intent(inout) :: self
+subroutine interpolate(pair, slope, scene, x, error)
+   real(wp), intent(inout) :: pair(:, :)
+   !> Not allocated where it is not wanted
+   real(wp), allocatable, intent(inout) :: slope(:, :, :)
    type(scene_type), intent(in) :: scene
    real(wp), intent(in) :: x(:, :)
    !> Error handling: no value at a source point, a support that is too small
@@ -183,8 +178,8 @@ subroutine interpolate(self, scene, x, error)
       allocate (field(2, shape%nq))
       do ip = 1, size(x, 2)
          call shape%interpolate(ip, values, 1, 1 + size(x, 1), field)
-         self%pair(:, ip) = field(:, 1)
-         if (allocated(self%slope)) self%slope(:, :, ip) = field(:, 2:1 + size(x, 1))
+         pair(:, ip) = field(:, 1)
+         if (allocated(slope)) slope(:, :, ip) = field(:, 2:1 + size(x, 1))
       end do
    end associate
 end subroutine interpolate

@@ -6,7 +6,7 @@ module rk_lattice
    private
 
    public :: new_box, new_annulus, lattice_frame, set_number, digits_of, place_of
-   public :: box_sides, outside_lattice
+   public :: box_sides, lattice_coordinates, outside_lattice, place_at
 
    !> Spacing at a side towards which a box is graded, of the mean one [-]
    real(wp), parameter :: at_side = 0.5_wp
@@ -234,6 +234,27 @@ pure subroutine lattice_frame(cloud, low, step)
    end if
 end subroutine lattice_frame
 
+!> Coordinates along the directions of a lattice: of a polar one radius and angle
+pure function lattice_coordinates(cloud, x) result(q)
+   type(cloud_type), intent(in) :: cloud
+   !> Place, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp) :: q(size(x))
+
+   q = x
+   if (cloud%polar) q = [norm2(x), atan2(x(2), x(1))]
+end function lattice_coordinates
+
+!> The reverse
+pure function place_at(cloud, q) result(x)
+   type(cloud_type), intent(in) :: cloud
+   real(wp), intent(in) :: q(:)
+   real(wp) :: x(size(q))
+
+   x = q
+   if (cloud%polar) x = q(1)*[cos(q(2)), sin(q(2))]
+end function place_at
+
 !> Whether a place lies outside the body of a lattice; points on the surface may be off it by
 !> rounding
 pure logical function outside_lattice(cloud, x)
@@ -245,8 +266,7 @@ pure logical function outside_lattice(cloud, x)
    real(wp) :: low(3), step(3), at(3), extent(3)
 
    call lattice_frame(cloud, low, step)
-   at(:cloud%nd) = x
-   if (cloud%polar) at(:2) = [norm2(x), atan2(x(2), x(1))]
+   at(:cloud%nd) = lattice_coordinates(cloud, x)
    extent(:cloud%nd) = step(:cloud%nd)*(cloud%lattice - 1)
    outside_lattice = any(abs(at(:cloud%nd) - low(:cloud%nd) - 0.5_wp*extent(:cloud%nd)) &
       & > (0.5_wp + slack)*extent(:cloud%nd))

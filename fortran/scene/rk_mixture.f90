@@ -20,13 +20,13 @@
 !>
 !> Reference: thesis section 4.2.2
 module rk_mixture
-   use rk_coefficients, only : coefficients_type, moduli, new_coefficients
+   use rk_coefficients, only : moduli, new_coefficients
    use rk_error, only : error_type, fatal_error, err_input
    use rk_expression, only : expression_type
    use rk_fiber_gradient, only : fiber_gradients
    use rk_fractions, only : fibered_points, fractions, has_fibers, own_parts, parts_at, shares
    use rk_kernel, only : kernel_quintic, window_product
-   use rk_lattice, only : digits_of, lattice_frame
+   use rk_lattice, only : digits_of, lattice_coordinates, lattice_frame, place_at
    use rk_material, only : kind_i4, material_point
    use rk_precision, only : wp
    use rk_scene, only : scene_type
@@ -79,9 +79,8 @@ module rk_mixture
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
-      !> Fraction of a tissue, and its fiber
       procedure :: part_of, beside, meets, activation_jumps
-      procedure :: fiber_of, energy, stress, strong
+      procedure :: energy, stress, strong
    end type mixture_type
 
 contains
@@ -96,7 +95,6 @@ subroutine new_mixture(self, scene, position, nearest, error)
    !> Collocation point nearest to each place, shape (np)
    integer, intent(in) :: nearest(:)
    type(error_type), allocatable, intent(out) :: error
-   type(coefficients_type) :: coefficient
    type(shape_type) :: shape
    real(wp) :: part(size(scene%tissue)), gradient(3, size(scene%tissue))
    real(wp), allocatable :: fiber_gradient(:, :, :), share(:, :)
@@ -106,10 +104,9 @@ subroutine new_mixture(self, scene, position, nearest, error)
 
    self%scene => scene
    if (allocated(scene%equation%problem)) then
-      call new_coefficients(coefficient, scene, position, scene%method == 'rkcm', error)
+      call new_coefficients(self%pair, self%pair_slope, scene, position, scene%method == 'rkcm', &
+         & error)
       if (allocated(error)) return
-      call move_alloc(coefficient%pair, self%pair)
-      call move_alloc(coefficient%slope, self%pair_slope)
       if (any(self%pair(1, :) > 0.0_wp)) self%least_lambda = least*maxval(self%pair(1, :))
       return
    end if
@@ -309,20 +306,6 @@ pure real(wp) function part_of(self, ip, tissue)
       part_of = sum(self%fraction(first:last), mask=self%tissue(first:last) == tissue)
    end associate
 end function part_of
-
-!> Fiber of a tissue at a place, zeros where it has none [-]
-pure function fiber_of(self, ip, tissue) result(fiber)
-   class(mixture_type), intent(in) :: self
-   integer, intent(in) :: ip
-   integer, intent(in) :: tissue
-   real(wp) :: fiber(3)
-   integer :: e
-
-   fiber = 0.0_wp
-   do e = self%first(ip) + 1, self%first(ip + 1)
-      if (self%tissue(e) == tissue) fiber = self%fiber(:, e)
-   end do
-end function fiber_of
 
 !> Energy of a tissue at a place, times its fraction [stress]
 pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
@@ -567,8 +550,7 @@ subroutine spread_level(scene, given, place, level)
    integer :: k
 
    call lattice_frame(scene%cloud, low, step)
-   q = place
-   if (scene%cloud%polar) q = [norm2(place), atan2(place(2), place(1))]
+   q = lattice_coordinates(scene%cloud, place)
    ! as far to either side, so that a slope has no part in the mean
    associate (before => q - low(:size(q)), spacing => step(:size(q)))
       half = max(0.0_wp, min(0.5_wp*spacing, before, spacing*(scene%cloud%lattice - 1) - before))
@@ -606,8 +588,7 @@ contains
          associate (digit => digits_of(k, spread(parts, 1, size(place))))
             at = q + reach*((2.0_wp*digit + 1.0_wp)/parts - 1.0_wp)
          end associate
-         if (scene%cloud%polar) at = at(1)*[cos(at(2)), sin(at(2))]
-         call given%at(at, value, error)
+         call given%at(place_at(scene%cloud, at), value, error)
          if (allocated(error)) return
          mean = mean + value/n
       end do

@@ -5,7 +5,7 @@
 module rk_named_sets
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
-   use rk_lattice, only : lattice_frame, set_number
+   use rk_lattice, only : digits_of, lattice_frame, place_at, set_number
    use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
    use rk_region, only : region_type
@@ -102,84 +102,64 @@ subroutine extent_of(cloud, set, area, middle, error)
    real(wp), intent(out) :: middle(:)
    !> Error handling: an expression that is not finite somewhere
    type(error_type), allocatable, intent(out) :: error
-   real(wp), allocatable :: place(:, :), outward(:, :)
-   integer, allocatable :: side(:), near(:)
-   real(wp) :: low(3), step(3), share
-   integer :: e, s
-   logical :: inside
+   real(wp), allocatable :: place(:, :), outward(:, :), weight(:)
+   integer, allocatable :: side(:)
+   logical, allocatable :: within(:, :)
+   integer :: e
 
-   if (set <= cloud%sides() .or. .not. allocated(cloud%lattice)) then
-      middle = cloud%set_centroid(set)
-      area = sum([(merge(cloud%area(e), 0.0_wp, cloud%in_set(e, set)), e=1, size(cloud%area))])
-      return
-   end if
-   call lattice_frame(cloud, low, step)
-   call sample_sides(cloud, low, step, place, outward, side)
-   near = nearest_points(cloud%points, place)
-   area = 0.0_wp
-   middle = 0.0_wp
-   do s = 1, size(side)
-      share = norm2(outward(:, s))
-      inside = cloud%region(set - cloud%sides())%holds(place(:, s), outward(:, s)/share, side(s), &
-         & cloud%label(near(s)), error)
+   allocate (weight(0))
+   if (set > cloud%sides() .and. allocated(cloud%lattice)) then
+      call sample_sides(cloud, place, outward, side)
+      call sets_of(cloud, place, outward, side, nearest_points(cloud%points, place), within, error)
       if (allocated(error)) return
-      if (.not. inside) cycle
-      area = area + share
-      middle = middle + share*place(:, s)
-   end do
-   ! a set between the samples
-   if (area > 0.0_wp) then
-      middle = middle/area
-   else
-      middle = cloud%set_centroid(set)
+      weight = merge(norm2(outward, dim=1), 0.0_wp, within(set, :))
    end if
+   ! also of a set between the samples
+   if (.not. any(weight > 0.0_wp)) then
+      place = cloud%points(:, cloud%boundary_point)
+      weight = merge(cloud%area, 0.0_wp, cloud%in_set([(e, e=1, size(cloud%area))], set))
+   end if
+   area = sum(weight)
+   middle = matmul(place, weight)/area
 end subroutine extent_of
 
 !> Places on the sides of a lattice with their normals, whose lengths are the areas
-subroutine sample_sides(cloud, low, step, place, outward, side)
+subroutine sample_sides(cloud, place, outward, side)
    !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud
-   !> Corner and spacing of the lattice, in radius and angle where it is polar [length], [radian]
-   real(wp), intent(in) :: low(3), step(3)
+   !> Shape (nd, ms) [length]
    real(wp), allocatable, intent(out) :: place(:, :)
    !> Area times outward normal, shape (nd, ms) [length^(nd-1)]
    real(wp), allocatable, intent(out) :: outward(:, :)
    integer, allocatable, intent(out) :: side(:)
-   real(wp) :: q(3), edge(3), radial(2)
-   integer :: d, each, end, k, n, nd, o, p
+   real(wp) :: low(3), step(3), share(cloud%nd), edge(cloud%nd), q(cloud%nd)
+   integer :: number(cloud%nd), digit(cloud%nd), d, k, nd, s
 
    nd = cloud%nd
-   n = samples(nd)
-   each = n**(nd - 1)
-   allocate (place(nd, 2*nd*each), outward(nd, 2*nd*each), side(2*nd*each))
+   s = 2*nd*samples(nd)**(nd - 1)
+   allocate (place(nd, s), outward(nd, s), side(s))
+   call lattice_frame(cloud, low, step)
+   edge = step(:nd)*(cloud%lattice - 1)
    outward = 0.0_wp
-   edge = 1.0_wp
-   edge(:nd) = step(:nd)*(cloud%lattice - 1)
+   s = 0
    do d = 1, nd
-      o = modulo(d, nd) + 1
-      p = modulo(d + 1, nd) + 1
-      do end = 0, 1
-         do k = 0, each - 1
-            associate (s => 1 + k + each*(2*d - 2 + end))
-               q = low
-               q(d) = low(d) + end*edge(d)
-               if (nd > 1) q(o) = low(o) + edge(o)*(mod(k, n) + 0.5_wp)/n
-               if (nd == 3) q(p) = low(p) + edge(p)*(k/n + 0.5_wp)/n
-               side(s) = set_number(cloud%polar, d, end)
-               outward(d, s) = 2*end - 1
-               if (nd > 1) outward(d, s) = outward(d, s)*edge(o)/n
-               if (nd == 3) outward(d, s) = outward(d, s)*edge(p)/n
-               place(:, s) = q(:nd)
-               if (.not. cloud%polar) cycle
-               radial = [cos(q(2)), sin(q(2))]
-               place(:, s) = q(1)*radial
-               if (d == 1) then
-                  outward(:, s) = outward(1, s)*q(1)*radial
-               else
-                  outward(:, s) = outward(2, s)*[-radial(2), radial(1)]
-               end if
-            end associate
-         end do
+      number = samples(nd)
+      number(d) = 2
+      do k = 0, product(number) - 1
+         s = s + 1
+         digit = digits_of(k, number)
+         share = (digit + 0.5_wp)/number
+         share(d) = digit(d)
+         q = low(:nd) + edge*share
+         place(:, s) = place_at(cloud, q)
+         side(s) = set_number(cloud%polar, d, digit(d))
+         outward(d, s) = (2*digit(d) - 1)*product(edge(:d - 1)/number(:d - 1)) &
+            & *product(edge(d + 1:)/number(d + 1:))
+         if (.not. cloud%polar) cycle
+         associate (radial => place(:, s)/q(1))
+            if (d == 1) outward(:, s) = outward(1, s)*place(:, s)
+            if (d == 2) outward(:, s) = outward(2, s)*[-radial(2), radial(1)]
+         end associate
       end do
    end do
 end subroutine sample_sides

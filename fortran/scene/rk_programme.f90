@@ -64,8 +64,7 @@ contains
 pure integer function count_factors(self)
    class(programme_type), intent(in) :: self
 
-   count_factors = self%sine_of(1) - 1
-   if (allocated(self%rotation)) count_factors = count_factors + 2*size(self%rotation)
+   count_factors = self%sine_of(1) - 1 + 2*size(self%rotation)
 end function count_factors
 
 !> Number of the sine's factor of a rotation
@@ -73,8 +72,7 @@ pure integer function sine_of(self, rotation)
    class(programme_type), intent(in) :: self
    integer, intent(in) :: rotation
 
-   sine_of = ramp + 2*rotation - 1
-   if (allocated(self%amplitude)) sine_of = sine_of + size(self%amplitude)
+   sine_of = ramp + size(self%amplitude) + 2*rotation - 1
 end function sine_of
 
 !> Factors at a load: the ramp, the amplitudes, sine and 1 - cos of the rotations
@@ -88,12 +86,9 @@ pure function factors(self, load) result(factor)
    integer :: a, r
 
    factor(ramp) = max(load, 0.0_wp)
-   if (allocated(self%amplitude)) then
-      do a = 1, size(self%amplitude)
-         factor(ramp + a) = self%value(a, load)
-      end do
-   end if
-   if (.not. allocated(self%rotation)) return
+   do a = 1, size(self%amplitude)
+      factor(ramp + a) = self%value(a, load)
+   end do
    do r = 1, size(self%rotation)
       angle = self%rotation(r)%angle*self%value(self%rotation(r)%amplitude, load)
       factor(self%sine_of(r)) = sin(angle)
@@ -137,19 +132,17 @@ pure function plan(self, steps) result(planned)
    integer :: a, k
 
    allocate (planned%load, source=[(real(k, wp)/real(steps, wp), k=1, steps)])
-   if (allocated(self%amplitude)) then
-      do a = 1, size(self%amplitude)
-         associate (time => self%amplitude(a)%time)
-            do k = 1, size(time)
-               ! 0 is rest and no step
-               if (time(k) < same .or. any(abs(planned%load - time(k)) < same)) cycle
-               planned%load = [planned%load, time(k)]
-            end do
-         end associate
-      end do
-      call sort(planned%load, place)
-      planned%load(place) = [planned%load]
-   end if
+   do a = 1, size(self%amplitude)
+      associate (time => self%amplitude(a)%time)
+         do k = 1, size(time)
+            ! 0 is rest and no step
+            if (time(k) < same .or. any(abs(planned%load - time(k)) < same)) cycle
+            planned%load = [planned%load, time(k)]
+         end do
+      end associate
+   end do
+   call sort(planned%load, place)
+   planned%load(place) = [planned%load]
    allocate (planned%most(size(planned%load)), planned%knot(size(planned%load)))
    before = 0.0_wp
    do k = 1, size(planned%load)
@@ -168,11 +161,7 @@ pure logical function begins_loaded(self) result(loaded)
    class(programme_type), intent(in) :: self
    integer :: a
 
-   loaded = .false.
-   if (.not. allocated(self%amplitude)) return
-   do a = 1, size(self%amplitude)
-      loaded = loaded .or. abs(self%amplitude(a)%value(1)) > 0.0_wp
-   end do
+   loaded = any([(abs(self%amplitude(a)%value(1)) > 0.0_wp, a=1, size(self%amplitude))])
 end function begins_loaded
 
 !> Whether the rate of an amplitude may jump at a load
@@ -182,7 +171,6 @@ pure logical function is_knot(self, load)
    integer :: a, k
 
    is_knot = .false.
-   if (.not. allocated(self%amplitude)) return
    do a = 1, size(self%amplitude)
       associate (time => self%amplitude(a)%time)
          k = count(time <= load)
@@ -200,7 +188,6 @@ pure integer function turns(self, from, to)
    integer :: r
 
    turns = 1
-   if (.not. allocated(self%rotation)) return
    do r = 1, size(self%rotation)
       associate (rotation => self%rotation(r))
          angle = rotation%angle &

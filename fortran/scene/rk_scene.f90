@@ -312,10 +312,7 @@ pure logical function has_kinks(self)
    class(scene_type), intent(in) :: self
    integer :: k
 
-   has_kinks = .false.
-   do k = 1, size(self%tissue)
-      has_kinks = has_kinks .or. self%tissue(k)%material%kinked
-   end do
+   has_kinks = any([(self%tissue(k)%material%kinked, k=1, size(self%tissue))])
 end function has_kinks
 
 end module rk_scene

@@ -113,34 +113,24 @@ end function least_thickness
 pure function layers(cloud) result(length)
    type(cloud_type), intent(in) :: cloud
    integer, allocatable :: length(:, :)
-   integer, allocatable :: label(:, :, :), row(:, :, :)
+   integer, allocatable :: label(:, :, :)
    integer, allocatable :: at(:, :)
-   integer :: d, ip, k, there(3)
+   integer :: d, ip, own, side, there(3)
 
    call paint(cloud, label, at)
-   allocate (row, mold=label)
    allocate (length, mold=at)
-   do d = 1, 3
-      do ip = 1, size(at, 2)
-         associate (own => label(at(1, ip), at(2, ip), at(3, ip)))
+   length = 1
+   do ip = 1, size(at, 2)
+      own = label(at(1, ip), at(2, ip), at(3, ip))
+      do d = 1, 3
+         do side = -1, 1, 2
             there = at(:, ip)
-            there(d) = there(d) - 1
-            ! a row begins where another tissue ends
-            if (label(there(1), there(2), there(3)) == own) cycle
             do
-               there(d) = there(d) + 1
+               there(d) = there(d) + side
                if (label(there(1), there(2), there(3)) /= own) exit
+               length(d, ip) = length(d, ip) + 1
             end do
-            k = there(d) - at(d, ip)
-            do
-               there(d) = there(d) - 1
-               row(there(1), there(2), there(3)) = k
-               if (there(d) == at(d, ip)) exit
-            end do
-         end associate
-      end do
-      do ip = 1, size(at, 2)
-         length(d, ip) = row(at(1, ip), at(2, ip), at(3, ip))
+         end do
       end do
    end do
 end function layers

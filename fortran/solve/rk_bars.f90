@@ -510,15 +510,14 @@ pure real(wp) function taper_of(scene) result(most)
    character(len=*), parameter :: names(2, 2) = reshape([character(len=6) :: 'bottom', 'z0', &
       & 'top', 'z1'], [2, 2])
    real(wp) :: taper(2)
-   integer :: end, k
+   integer :: end, k, set
 
    taper = end_taper(scene%cloud)
    most = 0.0_wp
    do end = 1, 2
-      do k = 1, size(scene%condition)
-         if (scene%condition(k)%set == 0) cycle
-         if (any(names(:, end) == scene%cloud%set_names(scene%condition(k)%set))) &
-            & most = max(most, taper(end))
+      do k = 1, 2
+         set = scene%cloud%find_set(trim(names(k, end)))
+         if (set > 0 .and. any(scene%condition%set == set)) most = max(most, taper(end))
       end do
    end do
 end function taper_of

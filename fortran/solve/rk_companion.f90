@@ -31,14 +31,14 @@ module rk_companion
 
    public :: companion_type, solved_type, solve_companion, solve_beside, choose_companion
    public :: other_number
-   public :: lattice_words, list, override_length, kept_run
+   public :: lattice_words, list, kept_run
 
-   !> Length of an override
-   integer, parameter :: override_length = 512
+   !> End of an override
+   character, parameter :: nl = new_line('a')
    !> Prescribed displacements of a companion beside an answer by the penalty
-   character(len=override_length), parameter :: exactly = 'galerkin.essential="transformation"'
+   character(len=*), parameter :: exactly = 'galerkin.essential="transformation"'//nl
    !> The same beside an answer that holds them exactly
-   character(len=override_length), parameter :: softly = 'galerkin.essential="penalty"'
+   character(len=*), parameter :: softly = 'galerkin.essential="penalty"'//nl
    !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of
    !> its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
@@ -116,14 +116,12 @@ module rk_companion
 
    !> Receiver that keeps a run
    type, extends(recorder_type) :: kept_run
-      !> Receiver of the caller, asked whether to stop
-      class(recorder_type), pointer :: receiver => null()
       !> The run
       type(start_type) :: run
       !> Loads of the states that are kept; all of them where it is not allocated, shape (m) [-]
       real(wp), allocatable :: load(:)
    contains
-      procedure :: begin, iteration, step, stopped
+      procedure :: begin, iteration, step
    end type kept_run
 
 contains
@@ -135,8 +133,7 @@ subroutine solve_companion(self, answer, bars)
    !> Its probes
    type(bars_type), intent(in) :: bars
    type(companion_type) :: alike
-   character(len=override_length), allocatable :: words(:)
-   integer :: holds
+   character(len=:), allocatable :: words, opposite
 
    self%method = answer%problem%scene%method
    if (allocated(answer%problem%scene%body_force)) then
@@ -147,21 +144,23 @@ subroutine solve_companion(self, answer, bars)
    call choose_companion(self, answer%problem%scene, answer%deck, words)
    if (allocated(self%why_not)) return
    call solve_beside(self, answer, words)
-   holds = findloc(words == softly .or. words == exactly, .true., dim=1)
-   if (holds > 0 .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. ( &
+   opposite = ''
+   if (index(words, exactly) > 0) opposite = softly
+   if (index(words, softly) > 0) opposite = exactly
+   if (opposite /= '' .and. allocated(answer%problem%scene%cloud%lattice) .and. .not. ( &
       & allocated(self%why_not) .or. self%kind /= fewer_points .or. answer%receiver%stopped())) then
       alike%method = self%method
-      words(holds) = merge(exactly, softly, words(holds) == softly)
-      call solve_beside(alike, answer, words)
+      ! of two overrides of a key the last one counts
+      call solve_beside(alike, answer, words//opposite)
       if (.not. allocated(alike%why_not)) call take_farther(self, alike, bars)
       return
    end if
-   if (.not. self%missed .or. words(size(words)) /= exactly) return
+   if (.not. self%missed .or. opposite /= softly) return
    if (answer%receiver%stopped()) return
    ! points that hold did not converge: the penalty alone is compared
    self%missed = .false.
    deallocate (self%why_not)
-   call solve_beside(self, answer, words(:size(words) - 1))
+   call solve_beside(self, answer, words//softly)
 end subroutine solve_companion
 
 !> Of two companions take the probes that are farther from an answer, moved away by the difference
@@ -189,8 +188,8 @@ end subroutine take_farther
 subroutine solve_beside(self, answer, words)
    type(companion_type), intent(inout) :: self
    type(solved_type), intent(in) :: answer
-   !> What is changed in its deck
-   character(len=*), intent(in) :: words(:)
+   !> What is changed in its deck, an override a line
+   character(len=*), intent(in) :: words
    type(deck_type) :: other
    type(scene_type), target :: scene
    class(discretisation_type), allocatable :: second
@@ -244,19 +243,17 @@ subroutine choose_companion(self, scene, deck, words)
    type(scene_type), intent(in) :: scene
    !> Its deck
    type(deck_type), intent(in) :: deck
-   !> Overrides
-   character(len=override_length), allocatable, intent(out) :: words(:)
+   !> Overrides, a line each
+   character(len=:), allocatable, intent(out) :: words
    integer, allocatable :: source(:), other(:)
    integer :: steps
 
    ! all planned states of a programme are compared, of a ramp the last one
    steps = 1
    if (scene%programme%count() > 1) steps = scene%load%steps
-   words = [character(len=override_length) :: 'load.steps='//to_text(steps), &
-      & 'load.max_halvings='//to_text(halvings)]
+   words = 'load.steps='//to_text(steps)//nl//'load.max_halvings='//to_text(halvings)//nl
    ! exact values make a body stiffer and the penalty makes it softer: what the method changes shows
-   if (scene%galerkin%essential == 'transformation') words = [character(len=override_length) :: &
-      & words, softly]
+   if (scene%galerkin%essential == 'transformation') words = words//softly
    if (index(scene%method, 'rkcm') == 1) then
       self%kind = another_form
       if (allocated(scene%motion)) then
@@ -265,7 +262,7 @@ subroutine choose_companion(self, scene, deck, words)
       end if
       self%method = 'rkpm-scni'
       if (allocated(scene%cloud%lattice)) self%method = 'rkpm-gauss'
-      words = [character(len=override_length) :: words, 'scene.method='//self%method]
+      words = words//'scene.method='//self%method//nl
       ! on few cells the weak form is as far off as the answer, and to the same side
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
          if (any(scene%cloud%lattice <= least_cells)) then
@@ -275,12 +272,12 @@ subroutine choose_companion(self, scene, deck, words)
       end if
       ! in the plane stresses at the surface are 0.3 % off instead of 10 % at little cost
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
-         words = [character(len=override_length) :: words, 'approximation.kernel=quintic', &
-            & 'approximation.order=2', 'approximation.support=3', &
-            & 'galerkin.gauss='//merge('3', '2', scene%cloud%polar)]
+         words = words//'approximation.kernel=quintic'//nl//'approximation.order=2'//nl &
+            & //'approximation.support=3'//nl//'galerkin.gauss='//merge('3', '2', &
+            & scene%cloud%polar)//nl
       else
-         words = [character(len=override_length) :: words, 'approximation.kernel=cubic', &
-            & 'approximation.order=1', 'approximation.support=2', 'galerkin.gauss=2']
+         words = words//'approximation.kernel=cubic'//nl//'approximation.order=1'//nl &
+            & //'approximation.support=2'//nl//'galerkin.gauss=2'//nl
       end if
       return
    end if
@@ -292,8 +289,7 @@ subroutine choose_companion(self, scene, deck, words)
       ! nodal cells err by the stairs of the surface, which fewer of them do not show
       self%method = 'rkpm-gauss'
       call fewer_blocks(scene%cloud, other)
-      words = [character(len=override_length) :: words, 'scene.method='//self%method, &
-         & 'geometry.blocks='//list(other)]
+      words = words//'scene.method='//self%method//nl//'geometry.blocks='//list(other)//nl
       self%lattice = list(other)//' blocks'
       self%coarse = .true.
       return
@@ -304,20 +300,18 @@ subroutine choose_companion(self, scene, deck, words)
    if (all(other > source)) self%kind = more_points
    self%lattice = list(other)//' points'
    self%coarse = any(other < source .and. other - 1 <= few_cells)
-   words = [character(len=override_length) :: words, 'scene.method='//self%method]
+   words = words//'scene.method='//self%method//nl
    call lattice_words(deck, other, words)
    ! waves cross half as wide cells in half the time
-   if (allocated(scene%motion) .and. any(other > source)) words = [character( &
-      & len=override_length) :: words, &
-      & 'dynamics.time_step='//to_text(0.5_wp*scene%motion%time_step, 17), &
-      & 'dynamics.every='//to_text(2*scene%motion%every)]
+   if (allocated(scene%motion) .and. any(other > source)) words = words//'dynamics.time_step=' &
+      & //to_text(0.5_wp*scene%motion%time_step, 17)//nl//'dynamics.every=' &
+      & //to_text(2*scene%motion%every)//nl
    ! with more points both ways come too near each other, and a search from points that were given
    ! would pay for what its answer lacks; in space only few cells agree by chance, and bars of more
    ! would double; few points in a narrow set of one's own hold too little
    if (can_hold(scene) .and. (scene%cloud%nd == 2 .or. self%coarse .and. all(other < source)) &
       & .and. .not. (holds_part(scene) &
-      & .or. self%kind == more_points .or. deck%has('refine'))) &
-      & words = [character(len=override_length) :: words, exactly]
+      & .or. self%kind == more_points .or. deck%has('refine'))) words = words//exactly
 end subroutine choose_companion
 
 !> Whether displacements that the penalty prescribes can hold exactly as well
@@ -360,9 +354,8 @@ subroutine lattice_words(deck, source, words)
    type(deck_type), intent(in) :: deck
    !> Source points along each edge, shape (nd)
    integer, intent(in) :: source(:)
-   !> Overrides
-   character(len=override_length), allocatable, intent(inout) :: words(:)
-   character(len=override_length) :: further(3)
+   !> Overrides, a line each
+   character(len=:), allocatable, intent(inout) :: words
    character(len=word_length), allocatable :: graded(:)
    character(len=:), allocatable :: sides
    integer, allocatable :: collocation(:)
@@ -374,11 +367,10 @@ subroutine lattice_words(deck, source, words)
    do k = 1, size(graded)
       sides = sides//trim(merge(',', ' ', k > 1))//'"'//trim(graded(k))//'"'
    end do
-   further(1) = 'geometry.source='//list(source)
-   further(2) = 'geometry.collocation='//list(max(source, min(collocation, 2*source - 1)))
+   words = words//'geometry.source='//list(source)//nl//'geometry.collocation=' &
+      & //list(max(source, min(collocation, 2*source - 1)))//nl
    ! sides that were chosen with the points
-   further(3) = 'geometry.graded=['//sides//']'
-   words = [words, further(:merge(2, 3, sides == ''))]
+   if (sides /= '') words = words//'geometry.graded=['//sides//']'//nl
 end subroutine lattice_words
 
 !> Half as many cells in a direction; twice as many where there are too few to tell
@@ -537,12 +529,5 @@ subroutine step(self, st, x)
    self%run%step = [self%run%step, st]
    self%run%x = reshape([self%run%x, x], [size(x), size(self%run%step)])
 end subroutine step
-
-!> Whether the caller wants to stop
-logical function stopped(self)
-   class(kept_run), intent(inout) :: self
-
-   stopped = self%receiver%stopped()
-end function stopped
 
 end module rk_companion

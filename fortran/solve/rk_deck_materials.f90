@@ -2,7 +2,7 @@
 module rk_deck_materials
    use rk_deck, only : deck_type
    use rk_deck_regions, only : label_regions
-   use rk_error, only : error_type, fatal_error, err_input
+   use rk_error, only : error_type
    use rk_energies, only : new_material
    use rk_precision, only : pi, wp
    use rk_scene, only : scene_type, tissue_type
@@ -48,9 +48,8 @@ subroutine read_materials(scene, deck, error)
    if (allocated(error)) return
    k = findloc(scene%tissue_of, 0, dim=1)
    if (k > 0) then
-      call fatal_error(error, err_input, deck%where('material.1')//': material: points ' &
-         & //'with label '//to_text(scene%cloud%label(k))//' have no material, the first one ' &
-         & //'lies at '//to_text(scene%cloud%points(:, k)))
+      call deck%complain('material.1', 'points with label '//to_text(scene%cloud%label(k)) &
+         & //' have no material, the first one lies at '//to_text(scene%cloud%points(:, k)), error)
    else if (allocated(material_of)) then
       call set_parts(scene, material_of, deck, error)
    end if
@@ -69,6 +68,7 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: at
    real(wp), allocatable :: direction(:)
+   type(error_type), allocatable :: fault
    logical :: by_label, found
 
    at = 'material.'//to_text(k)
@@ -77,11 +77,9 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       by_label = regions .or. deck%has(at//'.label')
       if (.not. regions .and. deck%has(at//'.label')) call deck%get(at//'.label', &
          & tissue%label)
-      call new_material(tissue%material, deck, at, error)
-      if (allocated(error)) then
-         error%message = deck%where(at//'.model')//': '//error%message
-         return
-      end if
+      call new_material(tissue%material, deck, at, fault)
+      if (allocated(fault)) call deck%complain(at//'.model', fault%message, error)
+      if (allocated(error)) return
       call fill_points(scene%tissue_of, scene%cloud%label, k, tissue, by_label)
       if (allocated(material_of)) call fill_points(material_of, scene%cloud%fraction_label, k, &
          & tissue, by_label)
@@ -130,9 +128,9 @@ subroutine set_parts(scene, material_of, deck, error)
       end if
       k = maxloc(scene%cloud%fraction(i, :), dim=1)
       if (.not. scene%cloud%fraction(i, k) > 0.0_wp) cycle
-      call fatal_error(error, err_input, deck%where('material.1')//': material: label ' &
-         & //to_text(scene%cloud%fraction_label(i))//' has no material, but fills a part of ' &
-         & //'points; the largest lies at '//to_text(scene%cloud%points(:, k)))
+      call deck%complain('material.1', 'label '//to_text(scene%cloud%fraction_label(i)) &
+         & //' has no material, but fills a part of points; the largest lies at ' &
+         & //to_text(scene%cloud%points(:, k)), error)
       return
    end do
 end subroutine set_parts

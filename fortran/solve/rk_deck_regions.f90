@@ -5,11 +5,11 @@
 module rk_deck_regions
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
-   use rk_deck_records, only : geometry_keys
    use rk_error, only : error_type
    use rk_jumps, only : find_jumps
    use rk_kernel, only : window_polar
-   use rk_precision, only : pi, wp
+   use rk_lattice, only : lattice_coordinates, lattice_frame, place_at
+   use rk_precision, only : wp
    use rk_scene, only : last_part, scene_type, tissue_type
    use rk_text, only : to_text
    implicit none
@@ -49,20 +49,13 @@ subroutine fill_points(cloud, tissue, deck, error)
    type(deck_type), intent(in) :: deck
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
-   type(geometry_keys) :: body
    real(wp) :: part(size(tissue)), low(3), high(3), step(3)
-   integer :: d, ip
+   integer :: ip
 
-   call body%read(deck, 'geometry')
-   low = 0.0_wp
-   high = body%size
-   if (cloud%polar) then
-      low(1) = body%inner_radius
-      high(:2) = [body%outer_radius, 0.5_wp*pi]
-   end if
-   do d = 1, cloud%nd
-      step(d) = (high(d) - low(d))/(body%collocation(d) - 1)
-   end do
+   call lattice_frame(cloud, low, step)
+   high(:cloud%nd) = low(:cloud%nd) + step(:cloud%nd)*(cloud%lattice - 1)
+   ! that of the collocation points
+   step(:cloud%nd) = (high(:cloud%nd) - low(:cloud%nd))/maxval(cloud%place, dim=2)
    if (allocated(cloud%fraction)) deallocate (cloud%fraction)
    allocate (cloud%fraction(size(tissue), size(cloud%points, 2)), source=0.0_wp)
    cloud%fraction_label = tissue%label
@@ -107,8 +100,7 @@ contains
       real(wp) :: q(3)
 
       q = 0.0_wp
-      q(:size(x)) = x
-      if (cloud%polar) q(:2) = [norm2(x(:2)), atan2(x(2), x(1))]
+      q(:size(x)) = lattice_coordinates(cloud, x)
       from = 0.0_wp
       to = 0.0_wp
       from(:cloud%nd) = max(q(:cloud%nd) - 0.5_wp*step(:cloud%nd), low(:cloud%nd))
@@ -209,11 +201,7 @@ contains
    integer function material_in(q)
       real(wp), intent(in) :: q(3)
 
-      if (cloud%polar) then
-         material_in = material_at([q(1)*cos(q(2)), q(1)*sin(q(2)), q(3:cloud%nd)])
-      else
-         material_in = material_at(q(:cloud%nd))
-      end if
+      material_in = material_at(place_at(cloud, q(:cloud%nd)))
    end function material_in
 
    !> Last material whose part of the body holds a place

@@ -10,7 +10,7 @@ module rk_deck_scene
    use rk_deck_boundary, only : read_conditions, read_probes, read_sets
    use rk_deck_materials, only : read_materials
    use rk_deck_records, only : geometry_keys
-   use rk_error, only : error_type, fatal_error, err_memory
+   use rk_error, only : error_type, err_memory
    use rk_estimate, only : estimate_cost, estimate_type
    use rk_jumps, only : find_jumps
    use rk_kernel, only : window_polar
@@ -49,6 +49,7 @@ subroutine new_scene(scene, deck, model, error)
    call put_corners(scene%cloud, deck)
    call read_approximation(scene, deck, error)
    if (allocated(error)) return
+   call read_programme(scene%programme, deck)
    call scene%load%read(deck, 'load')
    call scene%solver%read(deck, 'solver')
    call scene%mixed%read(deck, 'mixed')
@@ -64,14 +65,11 @@ subroutine new_scene(scene, deck, model, error)
       call read_probes(scene, deck, error)
       return
    end if
-   call read_programme(scene%programme, deck)
    call read_materials(scene, deck, error)
    if (allocated(error)) return
    call check_cloud(scene%cloud, error)
-   if (allocated(error)) then
-      error%message = deck%where('geometry')//': geometry: '//error%message
-      return
-   end if
+   call deck%locate(error)
+   if (allocated(error)) return
    call read_weights(scene, deck)
    call read_sets(scene, deck, error)
    if (allocated(error)) return
@@ -86,19 +84,14 @@ subroutine check_size(deck, model, error)
    type(cloud_type), intent(in) :: model
    type(error_type), allocatable, intent(out) :: error
    type(estimate_type) :: estimate
-   character(len=:), allocatable :: advice, method
 
    estimate = estimate_cost(deck, model)
    if (estimate%bytes < available_bytes()) return
-   advice = 'use fewer source points'
-   call deck%get('scene.method', method)
-   if (method == 'rkpm-gauss' .and. allocated(model%voxels%index)) advice = advice &
-      & //', or galerkin.direct_limit = 0, which needs less'
-   if (all(estimate%solver /= ['auto   ', 'normal ', 'refined'])) advice = advice &
-      & //', or solver "refined"'
-   call fatal_error(error, err_memory, deck%where('geometry')//': geometry: the model needs ' &
-      & //'about '//to_text(1.0e-9_wp*estimate%bytes, 3)//' GB with solver "'//estimate%solver &
-      & //'", '//to_text(1.0e-9_wp*available_bytes(), 3)//' GB are free: '//advice)
+   call deck%complain('geometry', 'the model needs about '//to_text(1.0e-9_wp*estimate%bytes, 3) &
+      & //' GB with solver "'//estimate%solver//'", '//to_text(1.0e-9_wp*available_bytes(), 3) &
+      & //' GB are free: use fewer source points; galerkin.direct_limit = 0 or, of collocation, ' &
+      & //'solver "refined" need less', error)
+   error%code = err_memory
 end subroutine check_size
 
 subroutine read_geometry(cloud, deck, model, error)

@@ -2,7 +2,7 @@
 module rk_forecast
    use rk_basis, only : basis_size
    use rk_cloud, only : cloud_type
-   use rk_companion, only : choose_companion, companion_type, override_length
+   use rk_companion, only : choose_companion, companion_type
    use rk_deck, only : deck_type
    use rk_deck_scene, only : new_scene
    use rk_error, only : error_type
@@ -61,7 +61,7 @@ real(wp) function forecast_bars(deck, model, scene) result(operations)
    type(deck_type) :: other
    type(scene_type) :: second
    type(error_type), allocatable :: error
-   character(len=override_length), allocatable :: words(:)
+   character(len=:), allocatable :: words
 
    operations = 0.0_wp
    if (allocated(scene%equation%problem)) then

@@ -3,7 +3,7 @@
 !> nothing hinders has no answer, whatever the loads.
 module rk_islands
    use rk_error, only : error_type, fatal_error, err_input
-   use rk_precision, only : i8, wp
+   use rk_precision, only : wp
    use rk_shape, only : shape_type
    use rk_text, only : to_text
    implicit none
@@ -21,9 +21,9 @@ contains
 !> Refuse a body with a part that can move as a whole
 subroutine check_islands(shape, link, place, point, supported, error)
    !> Shape functions; places beyond those given are ignored
-   type(shape_type), intent(in) :: shape
+   type(shape_type), target, intent(in) :: shape
    !> Those at the points that join source points: where rows or integrals are
-   type(shape_type), intent(in) :: link
+   type(shape_type), target, intent(in) :: link
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)
    !> Collocation point of each boundary point, shape (nb)
@@ -34,18 +34,24 @@ subroutine check_islands(shape, link, place, point, supported, error)
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: motions, where_
    integer, allocatable :: part(:), of_place(:), of_boundary(:), mine(:)
-   integer :: i, ip, first, members
-   integer(i8) :: k
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: i, ip, first, k, members
 
    allocate (part(shape%ns), source=[(ip, ip=1, shape%ns)])
    ! source points that cover one of these points belong together
    do ip = 1, link%np
-      first = part_of(part, node(link, ip, 1_i8))
-      do k = 2, link%count(ip)
-         part(part_of(part, node(link, ip, k))) = first
+      call link%row(ip, nodes, values)
+      first = part_of(part, nodes(1))
+      do k = 2, size(nodes)
+         part(part_of(part, nodes(k))) = first
       end do
    end do
-   of_place = [(part_of(part, node(shape, ip, 1_i8)), ip=1, size(place, 2))]
+   allocate (of_place(size(place, 2)))
+   do ip = 1, size(place, 2)
+      call shape%row(ip, nodes, values)
+      of_place(ip) = part_of(part, nodes(1))
+   end do
    of_boundary = of_place(point)
    do ip = 1, size(place, 2)
       first = of_place(ip)
@@ -70,17 +76,6 @@ subroutine check_islands(shape, link, place, point, supported, error)
       end if
       return
    end do
-
-contains
-
-   !> Source point number k of a place
-   integer function node(at, ip, k)
-      type(shape_type), intent(in) :: at
-      integer, intent(in) :: ip
-      integer(i8), intent(in) :: k
-
-      node = at%neighbour%index(at%neighbour%offset(ip) + k)
-   end function node
 
 end subroutine check_islands
 

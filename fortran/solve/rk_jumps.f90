@@ -4,7 +4,7 @@
 module rk_jumps
    use rk_coefficients, only : coefficient_at
    use rk_error, only : error_type
-   use rk_lattice, only : lattice_frame
+   use rk_lattice, only : lattice_coordinates, lattice_frame, place_at
    use rk_precision, only : wp
    use rk_scene, only : last_part, scene_type
    implicit none
@@ -53,8 +53,9 @@ subroutine find_jumps(scene, error)
    nd = scene%cloud%nd
    call lattice_frame(scene%cloud, low, step)
    point = scene%cloud%points
-   if (scene%cloud%polar) point = reshape([norm2(point, dim=1), atan2(point(2, :), point(1, :))], &
-      & shape(point), order=[2, 1])
+   do i = 1, size(point, 2)
+      point(:, i) = lattice_coordinates(scene%cloud, point(:, i))
+   end do
    allocate (axis(0), plane(0))
    do d = 1, nd
       count_of = lines*(scene%cloud%lattice - 1)
@@ -163,20 +164,11 @@ contains
          if (.not. allocated(error)) jump = maxval(abs(pair(:, 2) - pair(:, 1)))/maxval(abs(pair))
          return
       end if
-      part(1) = last_part(scene%tissue, lattice_place(x), error)
+      part(1) = last_part(scene%tissue, place_at(scene%cloud, x), error)
       x(d) = b
-      part(2) = last_part(scene%tissue, lattice_place(x), error)
+      part(2) = last_part(scene%tissue, place_at(scene%cloud, x), error)
       if (part(1) /= part(2)) jump = 1.0_wp
    end function jump
-
-   !> Place with coordinates of the lattice
-   pure function lattice_place(q) result(x)
-      real(wp), intent(in) :: q(:)
-      real(wp) :: x(size(q))
-
-      x = q
-      if (scene%cloud%polar) x = q(1)*[cos(q(2)), sin(q(2))]
-   end function lattice_place
 
    !> Whether the jump at a place is one of a plane: it goes on to one side of the line at least
    logical function goes_on(place, at)

@@ -11,9 +11,9 @@ module rk_refine
    use rk_bars, only : bars_by_earlier, bars_by_other, bars_type, new_bars
    use rk_clock, only : timer_type
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, lattice_words, list, other_number, &
-      & override_length, kept_run, solve_beside, solve_companion, solved_type
-   use rk_deck, only : deck_type, joined
+   use rk_companion, only : companion_type, lattice_words, list, other_number, kept_run, &
+      & solve_beside, solve_companion, solved_type
+   use rk_deck, only : deck_type
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
@@ -84,8 +84,6 @@ module rk_refine
 
    !> Receiver that ends every solution of a search when its cost is used up
    type, extends(recorder_type) :: limited_type
-      !> Receiver of the caller, asked whether to stop
-      class(recorder_type), pointer :: receiver => null()
       !> CPU time at which solutions are given up [s]
       real(wp) :: deadline = huge(1.0_wp)
    contains
@@ -118,8 +116,7 @@ subroutine refine(self, deck, model, receiver, error)
    real(wp), allocatable :: bar(:), left(:), share(:, :)
    integer, allocatable :: before_cells(:), cells(:), next(:), aimed(:), limit(:)
    integer :: d, level, halvings
-   character(len=:), allocatable :: line
-   character(len=override_length), allocatable :: words(:)
+   character(len=:), allocatable :: line, words
 
    self%searched = deck%has('refine')
    if (.not. self%searched) return
@@ -140,9 +137,10 @@ subroutine refine(self, deck, model, receiver, error)
       call check(scene, deck, error)
       if (allocated(error)) return
       call cells_of(scene, cells, limit)
-      if (level == 1 .and. allocated(scene%cloud%lattice)) &
-         & self%points = joined(words_of(deck, scene%cloud, cells))
+      if (level == 1 .and. allocated(scene%cloud%lattice)) call get_words(deck, scene%cloud, &
+         & cells, self%points)
       call new_problem(problem, scene, error)
+      call deck%locate(error)
       if (.not. allocated(error)) then
          call solve(problem, scene, deck, model, within, halvings, run, answer, companion, bars, &
             & error)
@@ -183,7 +181,7 @@ subroutine refine(self, deck, model, receiver, error)
             self%reason = self%target//'not met: the next points, '//list(cells)//' cells, ' &
                & //'have no solution within refine.cost: '//error%message
             deallocate (error)
-            self%points = joined(words_of(coarser, scene%cloud, before_cells))
+            call get_words(coarser, scene%cloud, before_cells, self%points)
             deck = coarser
             return
          end if
@@ -236,13 +234,13 @@ subroutine refine(self, deck, model, receiver, error)
          end do
       end if
       if (level == most_levels) exit
-      words = words_of(deck, scene%cloud, next)
+      call get_words(deck, scene%cloud, next, words)
       call deck%vary(words, finer, error)
       if (allocated(error)) return
       coarser = deck
       deck = finer
       growth = maxval(real(next, wp)/cells)
-      self%points = joined(words)
+      self%points = words
       before = now
       before_cells = cells
    end do
@@ -256,15 +254,10 @@ contains
       if (allocated(answer%x)) then
          self%start = run
          self%companion = companion
-         self%reason = self%target//'not met: '
-         if (within%late()) then
-            self%reason = self%reason//'refine.cost = '//to_text(self%cost, 3)//' CPU s was ' &
-               & //'used up by the first points, '//list(cells)//' cells'
-            self%companion%why_not = self%companion%why_not//': refine.cost was used up'
-         else
-            self%reason = self%reason//'the first points, '//list(cells)//' cells, have no ' &
-               & //'second solution'
-         end if
+         if (within%late()) self%companion%why_not = companion%why_not//': refine.cost = ' &
+            & //to_text(self%cost, 3)//' CPU s was used up'
+         self%reason = self%target//'not met: the first points, '//list(cells)//' cells, have no ' &
+            & //'second solution'
          deallocate (error)
          return
       end if
@@ -416,26 +409,26 @@ subroutine cells_of(scene, cells, limit)
    end if
 end subroutine cells_of
 
-!> Overrides for a number of cells
-function words_of(deck, cloud, cells) result(words)
+!> Overrides for a number of cells, a line each
+subroutine get_words(deck, cloud, cells, words)
    type(deck_type), intent(in) :: deck
    !> Its points
    type(cloud_type), intent(in) :: cloud
    !> Cells along each direction, shape (nd)
    integer, intent(in) :: cells(:)
-   character(len=override_length), allocatable :: words(:)
+   character(len=:), allocatable, intent(out) :: words
    character(len=:), allocatable :: essential
 
-   allocate (words(0))
-   if (allocated(cloud%lattice)) then
-      call lattice_words(deck, cells + 1, words)
-      call deck%get('galerkin.essential', essential)
-      if (essential == 'transformation') words = [character(len=override_length) :: words(:2), &
-         & 'galerkin.essential="'//essential//'"', words(3:)]
-   else
-      words = [character(len=override_length) :: 'geometry.blocks='//list(cells)]
+   if (.not. allocated(cloud%lattice)) then
+      words = 'geometry.blocks='//list(cells)//new_line('a')
+      return
    end if
-end function words_of
+   words = ''
+   call lattice_words(deck, cells + 1, words)
+   call deck%get('galerkin.essential', essential)
+   if (essential == 'transformation') words = words//'galerkin.essential="'//essential//'"' &
+      & //new_line('a')
+end subroutine get_words
 
 !> Solve a scene and its companion
 subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, companion, bars, &
@@ -496,19 +489,19 @@ subroutine shares(answer, cells, bars, share)
    !> Shares, which add up to one, shape (nd, probes) [-]
    real(wp), allocatable, intent(out) :: share(:, :)
    type(companion_type) :: companion
-   character(len=override_length) :: steps
-   character(len=override_length), allocatable :: words(:)
+   character(len=:), allocatable :: steps, words
    integer :: d, i, n, other(size(cells))
 
    associate (scene => answer%problem%scene)
-      steps = 'load.steps='//to_text(merge(scene%load%steps, 1, scene%programme%count() > 1))
+      steps = 'load.steps='//to_text(merge(scene%load%steps, 1, scene%programme%count() > 1)) &
+         & //new_line('a')
       allocate (share(size(cells), size(scene%probe)))
       do d = 1, size(cells)
          other = cells
          other(d) = other_number(cells(d) + 1, scene%approximation%order) - 1
          companion = companion_type()
-         words = [words_of(answer%deck, scene%cloud, other), steps]
-         call solve_beside(companion, answer, words)
+         call get_words(answer%deck, scene%cloud, other, words)
+         call solve_beside(companion, answer, words//steps)
          if (allocated(companion%why_not)) then
             ! unknown: as much as all others
             share(d, :) = 1.0_wp

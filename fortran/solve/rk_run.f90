@@ -67,8 +67,9 @@ module rk_run
       real(wp), allocatable :: x(:, :)
       !> Nothing is strained in any of them: the body is at rest, or moved as a whole
       logical :: unstrained = .false.
-      !> The one of them with the largest displacements
+      !> The one by which the answer is judged, and its number
       type(field_state) :: peak
+      integer :: judged = 0
       !> Error of a linear problem, whose solution is known
       type(norms_type), allocatable :: norms
       !> Wall times of assembly and linear algebra
@@ -83,12 +84,10 @@ module rk_run
    type, extends(recorder_type) :: watcher_type
       !> Problem whose states arrive
       class(discretisation_type), pointer :: problem => null()
-      !> Receiver of the caller
-      class(recorder_type), pointer :: receiver => null()
       !> Where warnings are kept
       type(outcome_type), pointer :: outcome => null()
    contains
-      procedure :: iteration, step, stopped, note => pass_on
+      procedure :: iteration, step, note => pass_on
    end type watcher_type
 
 contains
@@ -149,7 +148,11 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
       ! loads that vary from point to point are not those of the conditions on sets
       if (problem%compares_works .and. .not. allocated(problem%scene%body_force)) &
          & outcome%work_mismatch = own_work_mismatch(problem, outcome%peak)
-      if (.not. allocated(error)) call find_stability(problem, outcome)
+      if (.not. allocated(error) .and. outcome%judged > 0 .and. .not. outcome%unstrained) then
+         ! the last iteration may have had a Cholesky factor of it
+         if (.not. outcome%factored .or. outcome%judged < size(outcome%load)) outcome%unstable &
+            & = problem%is_unstable(outcome%x(:, outcome%judged), outcome%load(outcome%judged))
+      end if
       outcome%seconds = outcome%seconds + tick(clock)
    else if (.not. allocated(error) .and. problem%scene%equation%is_known()) then
       call find_norms(problem, outcome, error)
@@ -348,22 +351,11 @@ subroutine find_imbalance(problem, outcome)
       outcome%unstrained = problem%unstrained(state)
    end do
    k = judged_state(problem, outcome%x)
+   outcome%judged = k
    if (k < size(outcome%load)) call problem%state(outcome%x(:, k), outcome%load(k), outcome%peak)
    call set_forces(problem, outcome%peak, left, largest)
    if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
-
-!> Whether the state that is judged is a stable equilibrium
-subroutine find_stability(problem, outcome)
-   class(discretisation_type), target, intent(inout) :: problem
-   type(outcome_type), intent(inout) :: outcome
-   integer :: k
-
-   if (.not. allocated(outcome%load) .or. outcome%unstrained) return
-   k = judged_state(problem, outcome%x)
-   if (outcome%factored .and. k == size(outcome%load)) return
-   outcome%unstable = problem%is_unstable(outcome%x(:, k), outcome%load(k))
-end subroutine find_stability
 
 !> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
 !> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
@@ -486,12 +478,5 @@ subroutine pass_on(self, line, warning)
       call self%receiver%note(line, warning)
    end if
 end subroutine pass_on
-
-!> Whether the caller wants to stop
-logical function stopped(self)
-   class(watcher_type), intent(inout) :: self
-
-   stopped = self%receiver%stopped()
-end function stopped
 
 end module rk_run

@@ -8,7 +8,7 @@ module rk_verdict
    use rk_bars, only : another_form, bars_by_other, bars_by_solution, bars_type, more_points, &
       & new_bars, twice_fewer
    use rk_cloud, only : cloud_type
-   use rk_companion, only : companion_type, override_length, solve_companion, solved_type
+   use rk_companion, only : companion_type, solve_companion, solved_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : deformation, discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
@@ -24,7 +24,7 @@ module rk_verdict
    implicit none
    private
 
-   public :: verdict_type, judge, accepted, doubtful, refused, verdict_names
+   public :: verdict_type, judge, refused, verdict_names
 
    !> Verdicts, the worse the larger
    integer, parameter :: accepted = 1, doubtful = 2, refused = 3
@@ -61,8 +61,6 @@ module rk_verdict
    real(wp), parameter :: rim_spacings(2) = [1.0_wp, 2.0_wp]
    !> Changes below this count as zero [-]
    real(wp), parameter :: least_change = 1.0e-12_wp
-   !> What the voxels may leave open for a search to an accuracy of 0.05 to get on [-]
-   real(wp), parameter :: of_search = 0.025_wp
    !> Bar of a probe below which it is zero among its kind [-]
    real(wp), parameter :: of_small = 0.01_wp
    !> Share of the volume in which J leaves the J of the pressure, and by how much
@@ -134,7 +132,9 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       return
    end if
    if (problem%linear) then
-      call judge_norms(self, outcome)
+      if (allocated(outcome%norms)) call self%compare(outcome%norms%largest_l2/max( &
+         & outcome%norms%largest_l2_solution, tiny(1.0_wp)), of_error, 'the norm of the error is ' &
+         & //'# of the norm of the known solution')
    else if (.not. outcome%unstrained) then
       ! roundings would be compared with roundings
       call judge_works(self, problem, outcome)
@@ -164,8 +164,11 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       call judge_by_others(self, answer, with_companion, search, outcome)
    end if
    if (self%curable .and. .not. search%searched) then
-      call get_cure(problem, self%bars, text)
-      self%reasons = self%reasons//'remedy: '//text//new_line('a')
+      text = ''
+      if (index(problem%scene%method, 'rkpm') /= 1) text = 'method "rkpm-gauss", whose bars come ' &
+         & //'from fewer points, or '
+      self%reasons = self%reasons//'remedy: '//text//'more points (geometry.source, of a model ' &
+         & //'geometry.blocks or build.source_stride; without these accuracy chooses them)'//new_line('a')
    end if
 end subroutine judge
 
@@ -204,6 +207,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
    type(outcome_type), intent(inout) :: outcome
    type(error_type), allocatable :: error
    real(wp), dimension(size(answer%problem%scene%probe)) :: lower, widest
+   character(len=:), allocatable :: from
    logical :: adrift
 
    adrift = self%state == refused
@@ -248,8 +252,8 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       ! the mean stress of a body that bends may be several times the largest probed one
       if (search%searched .and. allocated(problem%scene%cloud%lattice)) &
          & widest = max(of_bar, search%wanted)*self%bars%read
-      call judge_probes(self, problem, lower, most_change(self%companion), widest, &
-         & other_text(self%companion), outcome)
+      call describe_other(self%companion, from)
+      call judge_probes(self, problem, lower, most_change(self%companion), widest, from, outcome)
       ! off equilibrium collocation has several minima, and the iteration ends in any of them
       if (adrift) call withhold(self%bars)
    end associate
@@ -268,18 +272,18 @@ pure real(wp) function most_change(companion)
 end function most_change
 
 !> What a second solution is, behind a difference
-pure function other_text(companion) result(text)
+subroutine describe_other(companion, text)
    type(companion_type), intent(in) :: companion
-   character(len=override_length) :: text
+   character(len=:), allocatable, intent(out) :: text
 
    text = ' from a solution'
-   if (companion%kind == another_form) text = trim(text)//' by method "'//companion%method//'"'
+   if (companion%kind == another_form) text = text//' by method "'//companion%method//'"'
    if (allocated(companion%lattice)) then
-      text = trim(text)//' with '//companion%lattice
+      text = text//' with '//companion%lattice
    else
-      text = trim(text)//' on the same points'
+      text = text//' on the same points'
    end if
-end function other_text
+end subroutine describe_other
 
 !> Leave the bars of an answer away where they would measure nothing
 subroutine withhold(bars)
@@ -289,18 +293,6 @@ subroutine withhold(bars)
    bars%bars = ieee_value(1.0_wp, ieee_quiet_nan)
    bars%source = ''
 end subroutine withhold
-
-!> Error of a linear problem against its known solution
-subroutine judge_norms(self, outcome)
-   type(verdict_type), intent(inout) :: self
-   type(outcome_type), intent(in) :: outcome
-
-   if (.not. allocated(outcome%norms)) return
-   associate (norms => outcome%norms)
-      call self%compare(norms%largest_l2/max(norms%largest_l2_solution, tiny(1.0_wp)), of_error, &
-         & 'the norm of the error is # of the norm of the known solution')
-   end associate
-end subroutine judge_norms
 
 !> Work of the stress against that of the forces, where the form does not keep it by construction
 subroutine judge_works(self, problem, outcome)
@@ -532,7 +524,7 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
    if (self%companion%kind == more_points) limits = [of_bar, of_finer]
    if (self%companion%kind == another_form) limits = of_forms
    if (self%companion%coarse) limits(2) = huge(1.0_wp)
-   reference = trim(from)
+   reference = from
    if (self%companion%tissue > 0) reference = reference//', most of it in ' &
       & //problem%scene%tissue(self%companion%tissue)%name
    call found%compare(self%companion%distance, limits, 'the displacements differ by # of their ' &
@@ -554,7 +546,7 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
             & bars%change >= 0.0_wp), dim=1)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
          if (any(bars%change >= 0.0_wp)) then
-            reference = trim(from)
+            reference = from
             if (bars%source(worst) == 'J of the pressure') reference = ' from the value given ' &
                & //'by the pressure'
             if (bars%source(worst) == 'free surface') reference = ' from that without the ' &
@@ -573,7 +565,7 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
          do i = 1, size(bars%change)
             if (ieee_is_nan(bars%change(i))) then
                call found%object(doubtful, 'probe '//problem%scene%probe(i)%name//' has no error ' &
-                  & //'bar: its value'//trim(from)//' is not a finite number')
+                  & //'bar: its value'//from//' is not a finite number')
                cycle
             end if
             bar = maxval(bars%bars(:, i, last), mask=.not. ieee_is_nan(bars%bars(:, i, last)))
@@ -644,31 +636,6 @@ integer function rim_near(problem, place, distance) result(of)
    end associate
    if (.not. free) of = 0
 end function rim_near
-
-!> What brings an answer and its second solution together
-subroutine get_cure(problem, bars, text)
-   class(discretisation_type), intent(in) :: problem
-   !> Error bars, if the checks came that far
-   type(bars_type), intent(in) :: bars
-   character(len=:), allocatable, intent(out) :: text
-
-   if (problem%linear) then
-      text = 'more points (geometry.source)'
-   else if (index(problem%scene%method, 'rkpm') /= 1) then
-      text = 'method "rkpm-gauss", whose bars come from fewer points, or more points'
-   else if (allocated(problem%scene%cloud%block)) then
-      text = 'finer blocks (half of build.source_stride or of geometry.blocks)'
-      ! a search ends where the voxels leave more open than is asked for
-      if (allocated(bars%open)) then
-         if (maxval(bars%open) < of_search) text = text//', or refine.accuracy = 0.05, which ' &
-            & //'looks for them'
-      end if
-   else if (allocated(problem%scene%cloud%lattice)) then
-      text = 'more points (geometry.source); without this key, accuracy = 0.02 finds them'
-   else
-      text = 'more points (a smaller build.source_stride, or a denser cloud)'
-   end if
-end subroutine get_cure
 
 !> There is no second solution: a note where none was wanted or none is possible, a reason for doubt
 !> where one failed

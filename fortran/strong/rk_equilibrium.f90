@@ -43,7 +43,7 @@ module rk_equilibrium
    use rk_rows, only : new_rows, rows_type
    use rk_scene, only : displacement_weight, scene_type
    use rk_states, only : field_state, point_state
-   use rk_tensor, only : cofactor, cross_form, determinant, vector_product
+   use rk_tensor, only : cofactor, cofactor_slope, determinant, vector_product
    use rk_text, only : to_text
    implicit none
    private
@@ -53,7 +53,6 @@ module rk_equilibrium
    !> Rows: one block per collocation point (interior ones only, if linear), then one per boundary
    !> point, then single rows at the points of the volume
    type, extends(discretisation_type) :: equilibrium_problem
-      !> Linearised rows
       type(rows_type) :: rows
       !> Blocks of rows before those of the boundary
       integer :: inside = 0
@@ -504,19 +503,6 @@ pure subroutine add_pressure(nd, u, f, tangent, p, divergence, t, c)
    if (tangent) t = t + cofactor_slope(f, slope)
 end subroutine add_pressure
 
-!> Second derivatives of J contracted with a vector on the second index: J_FF(i, A, k, C) v_A
-pure function cofactor_slope(f, v) result(t)
-   !> F(i, A)
-   real(wp), intent(in) :: f(3, 3)
-   !> Vector with index A
-   real(wp), intent(in) :: v(3)
-   real(wp) :: t(3, 3, 3)
-   real(wp) :: form(3, 3, 3, 3)
-
-   form = reshape(cross_form(f), shape(form))
-   t = form(:, 1, :, :)*v(1) + form(:, 2, :, :)*v(2) + form(:, 3, :, :)*v(3)
-end function cofactor_slope
-
 subroutine boundary_rows(self, b, u, load, f, p, c4, tangent, r)
    class(equilibrium_problem), intent(inout) :: self
    !> Boundary point
@@ -614,15 +600,15 @@ function set_force(self, set, state, share, about) result(force)
    !> Part of the way to the next fixed set that is looked at [-]
    real(wp), intent(in) :: share
    real(wp), intent(in), optional :: about(3)
-   real(wp) :: force(3), work(3), pull(3), depth, reach
+   real(wp) :: force(3), pull(3), reach
    real(wp) :: normal(self%scene%cloud%nd), origin(self%scene%cloud%nd)
+   real(wp) :: depth(size(self%scene%cloud%points, 2))
    logical :: usable(3)
    type(point_state) :: local
-   integer :: e, ip, nd
+   integer :: e, nd
 
    nd = self%scene%cloud%nd
    force = 0.0_wp
-   work = 0.0_wp
    pull = 0.0_wp
    call find_reach(self, set, normal, origin, reach, usable)
    ! a rotation moves along both directions across its axis
@@ -633,36 +619,16 @@ function set_force(self, set, state, share, about) result(force)
          if (.not. cloud%in_set(e, set)) cycle
          call self%at_point(state, cloud%boundary_point(e), local)
          pull(:nd) = matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
-         force = force + wanted(pull)
+         if (present(about)) pull = vector_product(local%x + local%u - about, pull)
+         force = force + pull
       end do
       if (.not. any(usable)) return
-      ! half a way makes sense between the ends of a body only
-      depth = maxval(-matmul(normal, cloud%points - spread(origin, 2, size(cloud%points, 2))))
-      if (share < 1.0_wp .and. reach < depth*(1.0_wp - 1.0e-6_wp)) return
-      reach = share*reach
-      do ip = 1, size(cloud%points, 2)
-         depth = -dot_product(normal, cloud%points(:, ip) - origin)
-         if (depth <= 0.0_wp .or. depth >= reach) cycle
-         call self%at_point(state, ip, local)
-         ! -w'(depth): a raised cosine, which weighs the middle most
-         pull(:nd) = matmul(local%p(:nd, :nd), normal)*cloud%volume(ip) &
-            & *(1.0_wp - cos(2.0_wp*pi*depth/reach))/reach
-         work = work + wanted(pull)
-      end do
+      depth = -matmul(normal, cloud%points - spread(origin, 2, size(depth)))
    end associate
-   where (usable) force = work
-
-contains
-
-   !> A force, or its moment, at the place of the state
-   pure function wanted(pull)
-      real(wp), intent(in) :: pull(3)
-      real(wp) :: wanted(3)
-
-      wanted = pull
-      if (present(about)) wanted = vector_product(local%x + local%u - about, pull)
-   end function wanted
-
+   ! half a way makes sense between the ends of a body only
+   if (share < 1.0_wp .and. reach < maxval(depth)*(1.0_wp - 1.0e-6_wp)) return
+   reach = 0.5_wp*share*reach
+   where (usable) force = slab_force(self, state, normal, depth - reach, reach, about)
 end function set_force
 
 !> Force through a plane section: the mean of those through the sections of a slab of some spacings,
@@ -672,26 +638,45 @@ function section_force(self, place, normal, state) result(force)
    real(wp), intent(in) :: place(:)
    real(wp), intent(in) :: normal(:)
    type(field_state), intent(in) :: state
-   real(wp) :: force(3), height(size(self%scene%cloud%points, 2)), half, middle, away
-   type(point_state) :: local
-   integer :: ip, nd
+   real(wp) :: force(3), height(size(self%scene%cloud%points, 2)), half, middle
 
-   force = 0.0_wp
-   nd = size(normal)
    associate (cloud => self%scene%cloud)
       height = matmul(normal, cloud%points)
       half = 2.0_wp*dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(cloud%spacing, 2)
       half = min(half, 0.5_wp*(maxval(height) - minval(height)))
       middle = min(max(dot_product(normal, place), minval(height) + half), maxval(height) - half)
-      do ip = 1, size(height)
-         away = height(ip) - middle
-         if (abs(away) >= half) cycle
-         call self%at_point(state, ip, local)
-         force(:nd) = force(:nd) + matmul(local%p(:nd, :nd), normal)*cloud%volume(ip) &
-            & *0.5_wp*(1.0_wp + cos(pi*away/half))/half
-      end do
    end associate
+   force = slab_force(self, state, normal, height - middle, half)
 end function section_force
+
+!> Mean force through the sections of a slab, or its moment at the place of the state: the work of
+!> the stress in a motion whose slope is a raised cosine, which weighs the middle most
+function slab_force(self, state, normal, away, half, about) result(force)
+   class(equilibrium_problem), intent(in) :: self
+   type(field_state), intent(in) :: state
+   !> Unit normal of the sections, shape (nd)
+   real(wp), intent(in) :: normal(:)
+   !> Distance of each collocation point from the middle, shape (nc) [length]
+   real(wp), intent(in) :: away(:)
+   !> Half the width of the slab [length]
+   real(wp), intent(in) :: half
+   real(wp), intent(in), optional :: about(3)
+   real(wp) :: force(3), pull(3)
+   type(point_state) :: local
+   integer :: ip, nd
+
+   nd = size(normal)
+   force = 0.0_wp
+   pull = 0.0_wp
+   do ip = 1, size(away)
+      if (abs(away(ip)) >= half) cycle
+      call self%at_point(state, ip, local)
+      pull(:nd) = matmul(local%p(:nd, :nd), normal)*self%scene%cloud%volume(ip) &
+         & *0.5_wp*(1.0_wp + cos(pi*away(ip)/half))/half
+      if (present(about)) pull = vector_product(local%x + local%u - about, pull)
+      force = force + pull
+   end do
+end function slab_force
 
 !> Depth to which a virtual motion from a set may reach, and the components it may have
 subroutine find_reach(self, set, normal, origin, reach, usable)

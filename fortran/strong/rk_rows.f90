@@ -259,7 +259,7 @@ subroutine group_rows(self, g, unknown, run, rows, m)
       m = 0
       do i = self%group(g) + 1, self%group(g + 1)
          b = self%order(i)
-         call write_block(self, b, column(self%position), rows, m)
+         call write_block(self, b, column, rows, m)
          m = m + self%row(b + 1) - self%row(b)
       end do
    end associate
@@ -270,7 +270,7 @@ subroutine write_block(self, b, column, rows, row)
    class(rows_type), intent(in) :: self
    !> Block
    integer, intent(in) :: b
-   !> Position of each source point among the columns, shape (ns)
+   !> Position of each source point among the columns, in the elimination order, shape (ns)
    integer, intent(in) :: column(:)
    !> Dense matrix
    real(wp), intent(inout) :: rows(:, :)
@@ -282,7 +282,7 @@ subroutine write_block(self, b, column, rows, row)
 
    call self%shape%row(self%place(b), near, values)
    do k = 1, size(near)
-      at = self%nc*(column(near(k)) - 1)
+      at = self%nc*(column(self%position(near(k))) - 1)
       do q = self%range(1, b), self%range(2, b)
          do c = 1, self%nc
             do i = 1, self%row(b + 1) - self%row(b)
@@ -300,45 +300,38 @@ subroutine compressed(self, start, column, value)
    integer(i8), allocatable, intent(out) :: start(:)
    integer(i8), allocatable, intent(out) :: column(:)
    real(wp), allocatable, intent(out) :: value(:)
-   real(wp), allocatable :: rows(:, :)
-   integer, allocatable :: near(:)
-   integer :: b, c, i, k, n
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: near(:)
+   integer(i8) :: to
+   integer :: b, c, i, k
 
    allocate (start(self%m + 1))
    start(1) = 0
    do b = 1, size(self%place)
-      n = self%nc*self%shape%count(self%place(b))
       do i = self%row(b) + 1, self%row(b + 1)
-         start(i + 1) = start(i) + n
+         start(i + 1) = start(i) + self%nc*self%shape%count(self%place(b))
       end do
    end do
    allocate (column(start(self%m + 1)), value(start(self%m + 1)))
-   !$omp parallel default(none) private(b, c, i, k, n, rows, near) &
+   !$omp parallel do default(none) schedule(static) private(b, c, i, k, to, near, values) &
    !$omp shared(self, start, column, value)
-   allocate (near(self%shape%ns), source=0)
-   allocate (rows(size(self%coefficient, 1), self%nc*self%shape%max_count()))
-   !$omp do schedule(static)
    do b = 1, size(self%place)
-      associate (s => self%shape%neighbour, ip => self%place(b))
-         n = self%shape%count(ip)
-         near(s%index(s%offset(ip) + 1:s%offset(ip + 1))) = [(k, k=1, n)]
-         rows = 0.0_wp
-         call write_block(self, b, near, rows, 0)
+      call self%shape%row(self%place(b), near, values)
+      associate (first => self%range(1, b), last => self%range(2, b))
          do i = 1, self%row(b + 1) - self%row(b)
-            associate (at => start(self%row(b) + i))
-               value(at + 1:at + self%nc*n) = rows(i, :self%nc*n)
-               do k = 1, n
-                  do c = 1, self%nc
-                     column(at + self%nc*(k - 1) + c) = self%nc*(s%index(s%offset(ip) + k) - 1) &
-                        & + c - 1
-                  end do
+            to = start(self%row(b) + i)
+            do k = 1, size(near)
+               do c = 1, self%nc
+                  to = to + 1
+                  column(to) = self%nc*(near(k) - 1) + c - 1
+                  value(to) = dot_product(self%coefficient(i, c, first:last, b), &
+                     & values(first:last, k))
                end do
-            end associate
+            end do
          end do
       end associate
    end do
-   !$omp end do
-   !$omp end parallel
+   !$omp end parallel do
 end subroutine compressed
 
 !> Source point and field of an unknown, and where it is

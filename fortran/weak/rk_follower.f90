@@ -15,7 +15,7 @@ module rk_follower
    use rk_precision, only : wp
    use rk_scene, only : condition_type, scene_type
    use rk_symmetric, only : symmetric_matrix
-   use rk_tensor, only : cross_form
+   use rk_tensor, only : cofactor_slope
    use rk_weak_conditions, only : surface_type
    implicit none
    private
@@ -42,8 +42,8 @@ subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
    real(wp), allocatable :: part(:, :), skew(:, :)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
-   real(wp) :: c4(3, 3, 3, 3), f(3, 3), normal(3), push(3), turn(3, 3, 3), p, above, below
-   integer :: a, b, i, j, k, l, n, nd, s
+   real(wp) :: normal(3), push(3), turn(3, 3, 3), p, above, below
+   integer :: i, j, k, l, n, nd, s
 
    if (.not. allocated(surface%pressure)) return
    nd = size(cells%outward, 1)
@@ -60,20 +60,11 @@ subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
          end associate
       end do
       if (.not. tangent) cycle
-      f = surface%gradient_at(s, x)
-      c4 = reshape(cross_form(f), [3, 3, 3, 3])
       normal(:nd) = p*cells%part(s)*cells%outward(:, s)
       ! derivative of the force by F(j, B), of the components that carry it
-      turn = 0.0_wp
+      turn = cofactor_slope(surface%gradient_at(s, x), normal)
       do i = 1, nd
-         if (surface%essential(i, s)) cycle
-         do j = 1, nd
-            do b = 1, nd
-               do a = 1, nd
-                  turn(i, j, b) = turn(i, j, b) + c4(i, a, j, b)*normal(a)
-               end do
-            end do
-         end do
+         if (surface%essential(i, s)) turn(i, :, :) = 0.0_wp
       end do
       allocate (part(nd*n, nd*n), skew(nd*n, nd*n), source=0.0_wp)
       do l = 1, n

@@ -35,7 +35,6 @@ module rk_free_faces
       integer, allocatable :: pair(:, :)
       !> Ends of the windows, shape (nd, 2*pairs) [length]
       real(wp), allocatable :: window(:, :)
-      !> Shape functions there
       type(shape_type) :: shape
    contains
       procedure :: find, smooth, release
@@ -52,7 +51,6 @@ contains
 
 !> Find the places and their windows
 subroutine new_free_faces(self, scene, error)
-   !> What is found
    type(free_faces_type), intent(out) :: self
    type(scene_type), intent(in) :: scene
    !> Error handling: a window that too few source points cover
@@ -187,7 +185,6 @@ end function moved
 
 !> Number of a place in the list, 0 without one
 pure integer function find(self, scene, ip, x)
-   !> Places
    class(free_faces_type), intent(in) :: self
    type(scene_type), intent(in) :: scene
    integer, intent(in) :: ip

@@ -341,7 +341,7 @@ subroutine assemble(self, x, stage, r, seen)
    if (tangent) self%matrix%value = self%constant
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)
-   if (tangent) call self%matrix%carry(x)
+   if (tangent .and. self%inexact) call self%matrix%pressures%go_to(x)
    ! parts are added in the order of the groups, so that sums do not depend on the threads
    !$omp parallel do default(none) schedule(static, 1) ordered private(g, part, force, excess) &
    !$omp shared(self, x, jump, stage, tangent, r, at)

@@ -6,7 +6,7 @@
 !> of one energy, to which the spring adds its own; what the set's points pull at is the spring.
 module rk_plates
    use rk_cells, only : cells_type
-   use rk_csr, only : csr_type
+   use rk_csr, only : csr_type, lengthened
    use rk_precision, only : i8, wp
    use rk_programme, only : ramp
    use rk_scene, only : scene_type
@@ -84,27 +84,11 @@ pure function coupled(self, neighbour) result(list)
    !> Source points that cover each surface point
    type(csr_type), intent(in) :: neighbour
    type(csr_type) :: list
-   integer(i8) :: to
-   integer :: plate, s
+   integer :: plate(size(self%follows, 2)), s
 
-   list = neighbour
-   if (self%count == 0) return
-   deallocate (list%index)
-   allocate (list%index(size(neighbour%index) + size(self%follows, 2)))
-   to = 0
-   do s = 1, size(self%follows, 2)
-      associate (mine => neighbour%index(neighbour%offset(s) + 1:neighbour%offset(s + 1)))
-         list%index(to + 1:to + size(mine)) = mine
-         to = to + size(mine)
-      end associate
-      plate = maxval(self%follows(:, s))
-      if (plate > 0) then
-         to = to + 1
-         list%index(to) = plate
-      end if
-      list%offset(s + 1) = to
-   end do
-   list%index = list%index(:to)
+   plate = maxval(self%follows, dim=1)
+   list = lengthened(neighbour, csr_type([0_i8, (count(plate(:s) > 0, kind=i8), &
+      & s=1, size(plate))], pack(plate, plate > 0)))
 end function coupled
 
 !> Add the stiffness of the tendons, and the forces of ends that are moved

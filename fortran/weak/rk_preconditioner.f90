@@ -16,13 +16,13 @@
 module rk_preconditioner
    use rk_cells, only : cells_type
    use rk_corners, only : corners_type, new_corners
-   use rk_csr, only : csr_type
+   use rk_csr, only : csr_type, sort
    use rk_error, only : error_type
    use rk_nodal_values, only : new_nodal_values, nodal_values_type
    use rk_precision, only : i8, wp
    use rk_scene, only : scene_type
    use rk_shape, only : shape_type
-   use rk_sparse, only : factor_upper, sparse_factor
+   use rk_sparse, only : solve_sparse, sparse_factor
    use rk_symmetric, only : new_symmetric, symmetric_matrix
    use rk_text, only : to_text
    use rk_weak_conditions, only : surface_type
@@ -134,7 +134,7 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
          end associate
       end do
       self%diagonal(i::nd) = graph%value(graph%start(2:))
-      call factor_upper(self%laplacian(i), n, graph%start, graph%rows(), graph%value, error)
+      call solve_sparse(self%laplacian(i), n, graph%start, graph%rows(), graph%value, .true., error)
       if (allocated(error)) then
          error%message = 'preconditioner of displacement component '//to_text(i)//': ' &
             & //error%message//'; above galerkin.direct_limit the tangent is not factorised'
@@ -162,7 +162,8 @@ subroutine nodal_network(self, cells, surface, shear)
    allocate (self%pair(2, size(cells%side, 2)), self%conductance(size(cells%side, 2)))
    do k = 1, size(self%conductance)
       associate (a => cells%side(1, k), b => cells%side(2, k))
-         self%pair(:, k) = ascending(cells%node([a, b]))
+         self%pair(:, k) = cells%node([a, b])
+         call sort(self%pair(:, k))
          self%conductance(k) = norm2(cells%area(:, k))/norm2(cells%point(:, a) &
             & - cells%point(:, b))*0.5_wp*(shear(a) + shear(b))
       end associate
@@ -204,7 +205,8 @@ subroutine corner_network(self, scene, cells, surface, shear)
       do d = 1, nd
          do e = 0, edges - 1
             k = k + 1
-            self%pair(:, k) = ascending(ends(cell, d, e))
+            self%pair(:, k) = ends(cell, d, e)
+            call sort(self%pair(:, k))
             do q = cells%per_cell*(cell - 1) + 1, cells%per_cell*cell
                self%conductance(k) = self%conductance(k) + shear(q)*cells%weight(q) &
                   & /corners%step(d)**2*weight_of(corners%within(cell, cells%point(:, q)), d, e)
@@ -262,23 +264,15 @@ contains
 
 end subroutine corner_network
 
-!> Two numbers in ascending order
-pure function ascending(pair)
-   !> Numbers
-   integer, intent(in) :: pair(2)
-   integer :: ascending(2)
-
-   ascending = [minval(pair), maxval(pair)]
-end function ascending
-
 subroutine apply(self, x, y)
    class(preconditioner_type), intent(in) :: self
    !> Forces, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
    !> Displacements, shape (n)
    real(wp), contiguous, target, intent(inout) :: y(:)
-   real(wp), allocatable :: value(:, :), right(:, :)
-   real(wp), pointer, contiguous :: u(:, :)
+   real(wp), allocatable, target :: right(:, :)
+   real(wp), allocatable :: value(:, :)
+   real(wp), pointer, contiguous :: u(:, :), vectors(:)
    integer, allocatable :: own(:)
    integer :: c, i, nd
 
@@ -291,7 +285,8 @@ subroutine apply(self, x, y)
       own = pack([(i, i=1, nd)], self%factor_of == c)
       if (size(own) == 0) cycle
       right = transpose(value(own, :))
-      call self%laplacian(c)%solve_columns(right)
+      vectors(1:size(right)) => right
+      call self%laplacian(c)%solve(vectors)
       u(own, :) = transpose(right)
    end do
    call self%values%invert(.false., u)

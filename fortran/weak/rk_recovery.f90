@@ -38,7 +38,6 @@ contains
 subroutine new_recovery(self, scene, cells, error)
    type(recovery_type), intent(out) :: self
    type(scene_type), intent(in) :: scene
-   !> Nodal cells
    type(cells_type), intent(in) :: cells
    !> Error handling: a place that too few cells cover
    type(error_type), allocatable, intent(out) :: error

@@ -15,7 +15,7 @@ module rk_slides
    implicit none
    private
 
-   public :: slides_on, slide_motion
+   public :: moments, slides_on, slide_motion
 
    !> Lines of source points parallel to the slide that move
    integer, parameter :: lines = 3
@@ -34,16 +34,13 @@ pure integer function slides_on(cloud, surface, cells, side) result(i)
    type(surface_type), intent(in) :: surface
    type(cells_type), intent(in) :: cells
    integer, intent(in) :: side
-   integer :: d, end, s
+   integer :: s
 
    i = 0
    if (.not. allocated(cloud%lattice) .or. size(surface%essential, 1) /= cloud%nd) return
-   do d = merge(2, 1, cloud%polar), cloud%nd
-      do end = 0, 1
-         ! flat sides of an annulus: normals x and y
-         if (set_number(cloud%polar, d, end) == side) i = merge(2 - end, d, cloud%polar)
-      end do
-   end do
+   i = (side + 1)/2
+   ! flat sides of an annulus have normals x and y, the others none
+   if (cloud%polar) i = max(side - 2, 0)
    if (i == 0) return
    do s = 1, size(cells%set)
       if (cells%set(s) /= side) cycle
@@ -59,17 +56,15 @@ end function slides_on
 !> at its other end, where the singular rim makes its tractions far from linear
 function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
    type(cloud_type), intent(in) :: cloud
-   type(surface_type), target, intent(in) :: surface
+   type(surface_type), intent(in) :: surface
    type(cells_type), intent(in) :: cells
    !> Side that slides, and its component
    integer, intent(in) :: slide, i
    !> Adjacent side
    integer, intent(in) :: other
    real(wp) :: motion(size(cloud%source, 2))
-   real(wp), pointer, contiguous :: values(:, :)
-   integer, pointer, contiguous :: nodes(:)
-   real(wp) :: moment(2, 0:lines - 1), share(0:lines - 1), scale
-   integer :: line(size(motion)), axis, end, index(3), k, s
+   real(wp) :: of_node(6, size(motion)), m(2, 0:lines - 1), share(0:lines - 1), scale
+   integer :: line(size(motion)), axis, end, index(3), k
 
    motion = 0.0_wp
    axis = (slide + 1)/2
@@ -83,24 +78,41 @@ function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
       line(k) = index(axis)
       if (set_number(cloud%polar, axis, 0) /= slide) line(k) = cloud%lattice(axis) - 1 - line(k)
    end do
-   moment = 0.0_wp
-   do s = 1, size(cells%set)
-      if (cells%set(s) /= other) cycle
-      call surface%shape%row(s, nodes, values)
-      do k = 1, size(nodes)
-         if (line(nodes(k)) >= lines) cycle
-         associate (own => moment(:, line(nodes(k))))
-            own = own + surface%area(s)*values(1, k)*[1.0_wp, cells%surface(i, s)]
-         end associate
-      end do
+   of_node = moments(cells, surface, other, size(line))
+   do k = 0, lines - 1
+      m(:, k) = [sum(of_node(1, :), mask=line == k), sum(of_node(1 + i, :), mask=line == k)]
    end do
-   associate (m => moment)
-      scale = m(1, 1)*m(2, 2) - m(1, 2)*m(2, 1)
-      if (abs(scale) <= dependent*(abs(m(1, 1)*m(2, 2)) + abs(m(1, 2)*m(2, 1)))) return
-      share = [1.0_wp, (m(1, 2)*m(2, 0) - m(2, 2)*m(1, 0))/scale, &
-         & (m(2, 1)*m(1, 0) - m(1, 1)*m(2, 0))/scale]
-   end associate
+   scale = m(1, 1)*m(2, 2) - m(1, 2)*m(2, 1)
+   if (abs(scale) <= dependent*(abs(m(1, 1)*m(2, 2)) + abs(m(1, 2)*m(2, 1)))) return
+   share = [1.0_wp, (m(1, 2)*m(2, 0) - m(2, 2)*m(1, 0))/scale, &
+      & (m(2, 1)*m(1, 0) - m(1, 1)*m(2, 0))/scale]
    where (line < lines) motion = share(line)
 end function slide_motion
+
+!> Integrals of shape functions over a side, times 1, x, y, x^2, x y and y^2, shape (6, ns)
+!> [length], [length^2], [length^3]
+function moments(cells, surface, side, ns) result(moment)
+   type(cells_type), intent(in) :: cells
+   type(surface_type), target, intent(in) :: surface
+   integer, intent(in) :: side
+   !> Number of points
+   integer, intent(in) :: ns
+   real(wp) :: moment(6, ns)
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: k, s
+
+   moment = 0.0_wp
+   do s = 1, size(cells%set)
+      if (cells%set(s) /= side) cycle
+      call surface%shape%row(s, nodes, values)
+      associate (x => cells%surface(:, s))
+         do k = 1, size(nodes)
+            moment(:, nodes(k)) = moment(:, nodes(k)) + surface%area(s)*values(1, k) &
+               & *[1.0_wp, x(1), x(2), x(1)**2, x(1)*x(2), x(2)**2]
+         end do
+      end associate
+   end do
+end function moments
 
 end module rk_slides

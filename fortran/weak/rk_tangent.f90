@@ -64,11 +64,7 @@ module rk_tangent
       !> For the displacements
       type(preconditioner_type), private :: preconditioner
    contains
-      procedure :: forget
-      !> Note a place, and carry the pressures there
-      procedure :: carry
-      procedure :: measure, keep_group
-      procedure :: complete, constant_product, apply, apply_transposed, solve_square
+      procedure :: forget, measure, keep_group, complete, constant_product, apply, solve_square
    end type tangent_type
 
    !> Displacements and pressures
@@ -105,9 +101,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    type(scene_type), intent(in) :: scene
    !> Source points and plates
    integer, intent(in) :: ns
-   !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Gradients there
    type(gradient_type), intent(in) :: gradient
    !> Pressures that are unknowns
    type(multiplier_type), intent(in) :: multiplier
@@ -156,16 +150,6 @@ subroutine forget(self)
    call self%let_go()
 end subroutine forget
 
-!> Note where the tangent is taken next
-subroutine carry(self, x)
-   class(tangent_type), intent(inout) :: self
-   !> Place, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-
-   if (self%formed) return
-   call self%pressures%go_to(x)
-end subroutine carry
-
 !> Keep the linearisation of a group
 subroutine keep_group(self, g, bulk, moduli, pressure, jump)
    !> Tangent, which is not formed
@@ -195,7 +179,6 @@ end subroutine keep_group
 subroutine complete(self, cells, inside, modulus)
    !> Tangent, whose entries are those of the supports
    class(tangent_type), intent(inout) :: self
-   !> Nodal cells
    type(cells_type), intent(in) :: cells
    !> Shape functions at their points
    type(shape_type), target, intent(in) :: inside
@@ -257,18 +240,6 @@ subroutine apply(self, x, y)
    end if
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
-
-!> y = K^T u
-subroutine apply_transposed(self, x, y)
-   class(tangent_type), intent(in) :: self
-   !> Vector, shape (n)
-   real(wp), contiguous, intent(in) :: x(:)
-   !> Product, shape (n)
-   real(wp), contiguous, intent(inout) :: y(:)
-
-   call self%apply(x, y)
-   call self%add_skew(-2.0_wp, x, y)
-end subroutine apply_transposed
 
 !> Newton's step, by as many digits as the iteration can use
 recursive subroutine solve_square(self, shift, b, x, report, error)

@@ -16,7 +16,7 @@ module rk_walls
    use rk_lattice, only : lattice_frame, set_number
    use rk_precision, only : wp
    use rk_scene, only : scene_type
-   use rk_slides, only : slides_on
+   use rk_slides, only : moments, slides_on
    use rk_weak_conditions, only : surface_type
    implicit none
    private
@@ -146,17 +146,14 @@ contains
       integer, intent(in) :: side
       real(wp), intent(in) :: x(2)
       real(wp) :: at(2)
-      integer :: d, end
+      integer :: d
 
       at = x
       if (scene%cloud%polar) at = [norm2(x), atan2(x(2), x(1))]
-      meets = .false.
-      do d = 1, 2
-         do end = 0, 1
-            if (set_number(scene%cloud%polar, d, end) == side) meets = abs(at(d) - low(d) &
-               & - end*(scene%cloud%lattice(d) - 1)*step(d)) <= on_side*step(d)
-         end do
-      end do
+      d = (side + 1)/2
+      if (set_number(scene%cloud%polar, d, 1) == side) at(d) = at(d) - (scene%cloud%lattice(d) &
+         & - 1)*step(d)
+      meets = abs(at(d) - low(d)) <= on_side*step(d)
    end function meets
 
 end subroutine new_walls
@@ -192,14 +189,11 @@ pure function outward(polar, side, x) result(normal)
    integer, intent(in) :: side
    real(wp), intent(in) :: x(2)
    real(wp) :: normal(2)
-   integer :: d, end
+   integer :: d
 
    normal = 0.0_wp
-   do d = 1, 2
-      do end = 0, 1
-         if (set_number(polar, d, end) == side) normal(d) = 2*end - 1
-      end do
-   end do
+   d = (side + 1)/2
+   normal(d) = merge(1.0_wp, -1.0_wp, set_number(polar, d, 1) == side)
    if (polar) normal = matmul(reshape([x(1), x(2), -x(2), x(1)], [2, 2])/norm2(x), normal)
 end function outward
 
@@ -228,32 +222,6 @@ subroutine set_slope(scene, cells, side, x, normal, slope, error)
    end do
    slope = (value(:, :2, 2) - value(:, :2, 1))/(2.0_wp*norm2(way))
 end subroutine set_slope
-
-!> Integrals of shape functions over a side, times 1, x, y, x^2, x y and y^2, shape (6, ns)
-!> [length], [length^2], [length^3]
-function moments(cells, surface, side, ns) result(moment)
-   type(cells_type), intent(in) :: cells
-   type(surface_type), target, intent(in) :: surface
-   integer, intent(in) :: side
-   !> Number of points
-   integer, intent(in) :: ns
-   real(wp) :: moment(6, ns)
-   real(wp), pointer, contiguous :: values(:, :)
-   integer, pointer, contiguous :: nodes(:)
-   integer :: k, s
-
-   moment = 0.0_wp
-   do s = 1, size(cells%set)
-      if (cells%set(s) /= side) cycle
-      call surface%shape%row(s, nodes, values)
-      associate (x => cells%surface(:, s))
-         do k = 1, size(nodes)
-            moment(:, nodes(k)) = moment(:, nodes(k)) + surface%area(s)*values(1, k) &
-               & *[1.0_wp, x(1), x(2), x(1)**2, x(1)*x(2), x(2)**2]
-         end do
-      end associate
-   end do
-end function moments
 
 !> Weights that give the traction at a place from forces on source points: least squares fit of a
 !> quadratic traction

@@ -11,7 +11,7 @@ module rk_weak_motion
    use rk_operator, only : square_report
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type
-   use rk_sparse, only : factor_upper, sparse_factor
+   use rk_sparse, only : solve_sparse, sparse_factor
    use rk_spectrum, only : largest_eigenvalue
    use rk_states, only : field_state
    use rk_weak_conditions, only : add_load, prescribed_at, surface_type
@@ -73,8 +73,8 @@ subroutine new_weak_motion(self, problem, error)
    self%penalty = problem%constant
    self%stiffness = problem%matrix%value - self%penalty
    self%varies = loads_vary(problem%scene)
-   call factor_upper(self%factor, self%n, problem%matrix%start, problem%matrix%rows(), self%mass &
-      & + self%motion%time_step**2*self%penalty, error)
+   call solve_sparse(self%factor, self%n, problem%matrix%start, problem%matrix%rows(), self%mass &
+      & + self%motion%time_step**2*self%penalty, .true., error)
 end subroutine new_weak_motion
 
 !> Loads at a time: those inside, on the free surface and of lifted values, and those of the penalty

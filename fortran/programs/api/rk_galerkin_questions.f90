@@ -231,7 +231,7 @@ subroutine answer_place(full, probe, x, answer, error)
    type(shape_type) :: shape_there
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
-   real(wp), allocatable :: fraction(:), fiber(:, :), u(:, :)
+   real(wp), allocatable :: bend(:, :, :), fraction(:), fiber(:, :), u(:, :)
    integer, allocatable :: tissue(:)
    real(wp), dimension(9, size(x, 2)) :: gradient, face
    real(wp), dimension(full%gradient%nd + 1, size(full%cells%first) - 1) :: one, pressure
@@ -275,7 +275,8 @@ subroutine answer_place(full, probe, x, answer, error)
    do g = 1, size(one, 2)
       do b = 1, full%pressure%count(g)
          one(b, g) = 1
-         pressure(b, g) = full%pressure%at(ip, place(:, 1), one)
+         if (allocated(full%pressure%share)) bend = full%pressure%bends(one)
+         pressure(b, g) = full%pressure%at(ip, place(:, 1), one, bend)
          one(b, g) = 0
       end do
    end do

@@ -7,14 +7,14 @@ program main
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
-   use rk_discretisation, only : discretisation_type, free_discretisation
+   use rk_discretisation, only : discretisation_type
    use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
    use rk_explain, only : explain
    use rk_journal, only : run_type
    use rk_model_file, only : read_model_cloud
    use rk_json_entries, only : json_entry
    use rk_new_problem, only : new_problem
-   use rk_output, only : output_type, search_type
+   use rk_output, only : output_type
    use rk_precision, only : i8, wp
    use rk_recorder, only : start_type
    use rk_refine, only : refine, refined_before, refinement_type
@@ -68,9 +68,9 @@ program main
    call leave_on(error)
    call read_model_cloud(model, deck, config%out, error)
    call leave_on(error)
-   call new_scene(scene, deck, model, error)
-   call leave_on(error)
    if (config%explain) then
+      call new_scene(scene, deck, model, error)
+      call leave_on(error)
       call explain(deck, model, scene)
    else
       call set_up()
@@ -82,25 +82,22 @@ contains
 
    !> The problem on the points of the deck, or on those that are found for it
    subroutine set_up()
-      type(search_type) :: search
       integer(i8) :: began
 
+      call catch_signals()
+      output%verbosity = config%verbosity
+      if (config%resume .and. deck%has('refine')) call resume_points(config%out, deck, resumed, &
+         & error)
+      call leave_on(error)
+      if (.not. resumed) call refine(refinement, deck, model, output, error)
+      call leave_on(error)
+      call new_scene(scene, deck, model, error)
+      call leave_on(error)
       call system_clock(began)
       call new_problem(problem, scene, error)
       call deck%locate(error)
       call leave_on(error)
       shape_s = tick(began)
-      call catch_signals()
-      if (.not. deck%has('refine')) return
-      search%verbosity = config%verbosity
-      if (config%resume) call resume_points(config%out, deck, resumed, error)
-      if (.not. allocated(error) .and. .not. resumed) call refine(refinement, deck, model, &
-         & search, error)
-      call leave_on(error)
-      call free_discretisation(problem)
-      call new_scene(scene, deck, model, error)
-      if (.not. allocated(error)) call new_problem(problem, scene, error)
-      call leave_on(error)
    end subroutine set_up
 
    !> The state at which it begins, its files, and what is said before it is solved
@@ -115,7 +112,6 @@ contains
       end if
       if (allocated(refinement%start) .and. .not. allocated(start)) &
          & call move_alloc(refinement%start, start)
-      output%verbosity = config%verbosity
       call output%open(problem, config%out, deck, before, error)
       call leave_on(error)
       if (allocated(refinement%reason)) call output%say(refinement%levels//refinement%reason, &

@@ -105,27 +105,21 @@ subroutine explain_blocks(deck, model, scene)
    print '(a)', '  blocks        '//text
 end subroutine explain_blocks
 
-!> Sets that are parts of the surface, and which of them overlap
+!> Sets that are parts of the surface
 subroutine explain_sets(scene)
    type(scene_type), intent(in) :: scene
    type(error_type), allocatable :: error
    character(len=:), allocatable :: text
    real(wp) :: area, middle(scene%cloud%nd)
-   integer :: k, l, n, shared
+   integer :: k
 
    associate (cloud => scene%cloud)
-      n = size(cloud%set_names)
-      do k = cloud%sides() + 1, n
+      do k = cloud%sides() + 1, size(cloud%set_names)
          call extent_of(cloud, k, area, middle, error)
          text = trim(cloud%set_names(k))//': '//to_text(count(cloud%within(k, :)))//' of ' &
             & //to_text(size(cloud%boundary_set))//' boundary points, ' &
             & //trim(merge('area  ', 'length', cloud%nd == 3))//' ' &
             & //to_text(area, 4)//', middle at '//to_text(middle)
-         do l = cloud%sides() + 1, n
-            shared = count(cloud%within(k, :) .and. cloud%within(l, :))
-            if (l /= k .and. shared > 0) text = text//'; '//to_text(shared)//' shared with ' &
-               & //trim(cloud%set_names(l))
-         end do
          print '(a)', '  set           '//text
       end do
    end associate

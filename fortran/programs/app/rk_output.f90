@@ -23,7 +23,7 @@ module rk_output
    implicit none
    private
 
-   public :: output_type, step_record, search_type
+   public :: output_type, step_record
 
    !> A load step with its probes
    type :: step_record
@@ -33,7 +33,7 @@ module rk_output
       real(wp), allocatable :: probe(:, :)
    end type step_record
 
-   !> Files of a run
+   !> Files of a run; before they are open, while points are searched for, its lines on the terminal
    type, extends(recorder_type) :: output_type
       !> Problem whose states arrive
       class(discretisation_type), pointer :: problem => null()
@@ -43,6 +43,8 @@ module rk_output
       type(results_type) :: results
       !> Steps so far
       type(step_record), allocatable :: record(:)
+      !> States that converged under load, the state at rest not counted
+      integer :: loaded = 0
       !> Last iteration
       type(iteration_type) :: last
       !> Worst backward error, distance from the best fit and condition of the run [-]
@@ -62,16 +64,8 @@ module rk_output
       type(journal_type), private :: journal
    contains
       procedure :: open => open_output, close => close_output, publish
-      procedure :: iteration, step, stopped, loaded_states, say, note, tell_verdict
+      procedure :: iteration, step, stopped, say, note, tell_verdict
    end type output_type
-
-   !> Receiver of a search for points, before a run has files: reports it on the terminal
-   type, extends(recorder_type) :: search_type
-      !> Below 0 nothing is printed
-      integer :: verbosity = 0
-   contains
-      procedure :: stopped => asked_to_stop, note => note_search
-   end type search_type
 
 contains
 
@@ -138,7 +132,7 @@ subroutine publish(self, folder, error)
    logical :: earlier
 
    inquire (file=folder//'/results.vtkhdf', exist=earlier)
-   if (earlier .and. self%loaded_states() == 0) then
+   if (earlier .and. self%loaded == 0) then
       ! a state at rest is no result: those of the earlier run are kept
       call drop_file(folder//'/results.vtkhdf.part')
       call drop_file(folder//'/history.csv.part')
@@ -157,14 +151,6 @@ subroutine keep(self, error)
 
    if (allocated(error) .and. .not. allocated(self%error)) call move_alloc(error, self%error)
 end subroutine keep
-
-!> States that converged under load, the state at rest not counted
-pure integer function loaded_states(self)
-   class(output_type), intent(in) :: self
-   integer :: i
-
-   loaded_states = count([(self%record(i)%step%step > 0, i=1, size(self%record))])
-end function loaded_states
 
 subroutine iteration(self, it)
    class(output_type), intent(inout) :: self
@@ -212,13 +198,14 @@ subroutine step(self, st, x)
       call probe_value(self%problem, self%probes, i, state, record%probe(:, i))
    end do
    self%record = [self%record, record]
+   if (st%step > 0) self%loaded = self%loaded + 1
    call compute_fields(self%problem, state, fields)
    call self%results%add_step(st%load, self%problem%scene%common_activation(st%load), fields, x, &
       & error)
    call keep(self, error)
    call self%journal%add_step(st, x)
    self%seconds = self%seconds + tick(clock)
-   if (st%step == 0 .or. self%loaded_states() <= self%repeated) return
+   if (st%step == 0 .or. self%loaded <= self%repeated) return
    if (allocated(self%problem%scene%motion)) then
       write (line, '("time ", a, " of ", a, "  ", a, " s")') to_text(st%load), &
          & to_text(self%problem%scene%motion%end_time), to_text(self%last%seconds, 3)
@@ -244,7 +231,7 @@ end subroutine step
 logical function stopped(self)
    class(output_type), intent(inout) :: self
 
-   stopped = (interrupted() .and. self%loaded_states() >= self%repeated) .or. allocated(self%error)
+   stopped = (interrupted() .and. self%loaded >= self%repeated) .or. allocated(self%error)
 end function stopped
 
 !> A line to the log and, where wanted, to the terminal
@@ -320,23 +307,5 @@ subroutine append_numbers(text, values, digits)
       text = text//to_text(values(1), digits)
    end if
 end subroutine append_numbers
-
-logical function asked_to_stop(self)
-   class(search_type), intent(inout) :: self
-
-   associate (unused => self)
-   end associate
-   asked_to_stop = interrupted()
-end function asked_to_stop
-
-!> Something happened on the way
-subroutine note_search(self, line, warning)
-   class(search_type), intent(inout) :: self
-   character(len=*), intent(in) :: line
-   !> It deserves attention, which the run that follows will ask for again
-   logical, intent(in) :: warning
-
-   if (self%verbosity >= 0 .and. .not. warning) call tell(line)
-end subroutine note_search
 
 end module rk_output

@@ -8,7 +8,7 @@ module rk_resume
    use rk_precision, only : wp
    use rk_recorder, only : start_type
    use rk_results, only : read_restart, restart_type, to_space
-   use rk_text, only : line, lines_of, to_text
+   use rk_text, only : line, to_text
    implicit none
    private
 
@@ -59,7 +59,6 @@ subroutine resume_points(folder, deck, resumed, error)
    type(run_type) :: found
    type(deck_type) :: finer
    character(len=:), allocatable :: path
-   character(len=512), allocatable :: words(:)
    integer :: own
 
    resumed = .false.
@@ -71,8 +70,7 @@ subroutine resume_points(folder, deck, resumed, error)
       return
    end if
    resumed = .true.
-   call lines_of(found%overrides(own + 1:), words)
-   call deck%vary(words, finer, error)
+   call deck%vary(found%overrides(own + 1:), finer, error)
    if (.not. allocated(error)) deck = finer
 end subroutine resume_points
 

@@ -1,10 +1,11 @@
-!> Signals, folders, memory and version, from system.c.
+!> Signals, folders, memory and version, from system.cpp.
 module rk_system
-   use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_double, c_int, c_null_char, &
-      & c_ptr
+   use, intrinsic :: iso_c_binding, only : c_associated, c_bool, c_char, c_double, c_int, &
+      & c_null_char, c_ptr
    use, intrinsic :: iso_fortran_env, only : output_unit
    use rk_cstring, only : c_strlen, to_fortran
    use rk_error, only : error_type, fatal_error, err_file
+   use rk_precision, only : wp
    use rk_text, only : to_text
    implicit none
    private
@@ -30,20 +31,16 @@ module rk_system
          import :: c_int
          integer(c_int) :: number
       end function process_number
-      function c_interrupted() result(yes) bind(c, name='rk_interrupted')
-         import :: c_int
-         integer(c_int) :: yes
-      end function c_interrupted
+      !> Whether the user asked the program to stop
+      function interrupted() result(yes) bind(c, name='rk_interrupted')
+         import :: c_bool
+         logical(c_bool) :: yes
+      end function interrupted
       !> Peak memory of the program [byte]
       function peak_bytes() result(bytes) bind(c, name='rk_peak_bytes')
          import :: c_double
          real(c_double) :: bytes
       end function peak_bytes
-      !> User and system time of the program so far [s]
-      function cpu_seconds() result(seconds) bind(c, name='rk_cpu_seconds')
-         import :: c_double
-         real(c_double) :: seconds
-      end function cpu_seconds
       function c_make_folder(path) result(why) bind(c, name='rk_make_folder')
          import :: c_char, c_ptr
          character(kind=c_char), intent(in) :: path(*)
@@ -57,10 +54,10 @@ module rk_system
 
 contains
 
-!> Whether the user asked the program to stop
-logical function interrupted()
-   interrupted = c_interrupted() /= 0
-end function interrupted
+!> User and system time of the program so far [s]
+real(wp) function cpu_seconds()
+   call cpu_time(cpu_seconds)
+end function cpu_seconds
 
 !> Make a folder that can be written to
 subroutine make_folder(path, error)

@@ -13,7 +13,7 @@ module rk_hdf5
    use rk_cstring, only : to_fortran
    use rk_error, only : err_file, error_type, fatal_error
    use rk_precision, only : wp
-   use rk_text_file, only : publish_file
+   use rk_text_file, only : move_file
    implicit none
    private
 
@@ -143,7 +143,7 @@ subroutine flush_file(self, error)
    class(h5_type), intent(inout) :: self
    type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. allocated(error)) call check_write(self, "", rkh5_flush(self%handle), error)
+   if (.not. allocated(error)) call check(self, "", rkh5_flush(self%handle), error)
 end subroutine flush_file
 
 !> Close; a new file keeps its temporary name
@@ -156,7 +156,7 @@ subroutine close_file(self, error)
    if (self%handle < 0) return
    why = rkh5_close(self%handle)
    self%handle = -1_c_int64_t
-   if (self%writing) call check_write(self, "", why, error)
+   if (self%writing) call check(self, "", why, error)
 end subroutine close_file
 
 !> Give a closed file that was written its real name
@@ -164,7 +164,7 @@ subroutine publish(self, error)
    class(h5_type), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
 
-   call publish_file(self%path, error)
+   call move_file(self%path//'.part', self%path, error)
 end subroutine publish
 
 function has(self, name)
@@ -186,7 +186,7 @@ subroutine append(self, name, values, error)
    type(*), intent(in), contiguous :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. allocated(error)) call check_write(self, name, rkh5_append(self%handle, &
+   if (.not. allocated(error)) call check(self, name, rkh5_append(self%handle, &
       name//c_null_char, values), error)
 end subroutine append
 
@@ -206,7 +206,7 @@ subroutine read_reals(self, name, values, error)
    real(wp), allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. allocated(error)) call check_read(self, name, read_c_reals(self%handle, &
+   if (.not. allocated(error)) call check(self, name, read_c_reals(self%handle, &
       name//c_null_char, values), error)
 end subroutine read_reals
 
@@ -216,7 +216,7 @@ subroutine read_integers(self, name, values, error)
    integer, allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. allocated(error)) call check_read(self, name, read_c_integers(self%handle, &
+   if (.not. allocated(error)) call check(self, name, read_c_integers(self%handle, &
       name//c_null_char, values), error)
 end subroutine read_integers
 
@@ -236,18 +236,6 @@ subroutine read_text(self, name, text, error)
    end do
 end subroutine read_text
 
-!> Turn the answer of C to a reading into an error
-subroutine check_read(self, name, why, error)
-   class(h5_type), intent(in) :: self
-   character(len=*), intent(in) :: name
-   !> Reason of a failure, null for success
-   type(c_ptr), intent(in) :: why
-   type(error_type), allocatable, intent(out) :: error
-
-   if (c_associated(why)) call fatal_error(error, err_file, self%path//": dataset '"//name// &
-      "': "//to_fortran(why))
-end subroutine check_read
-
 !> Set an attribute
 subroutine put_attribute(self, object, name, values, error)
    class(h5_type), intent(inout) :: self
@@ -258,25 +246,27 @@ subroutine put_attribute(self, object, name, values, error)
    type(*), intent(in), contiguous :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
-   if (.not. allocated(error)) call check_write(self, name, rkh5_put_attribute(self%handle, &
+   if (.not. allocated(error)) call check(self, name, rkh5_put_attribute(self%handle, &
       object//c_null_char, name//c_null_char, values), error)
 end subroutine put_attribute
 
-!> Turn the answer of C to a writing into an error
-subroutine check_write(self, name, why, error)
+!> Turn the answer of C into an error
+subroutine check(self, name, why, error)
    class(h5_type), intent(in) :: self
    !> Path in the file or name of the attribute; empty for the whole file
    character(len=*), intent(in) :: name
+   !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
    type(error_type), allocatable, intent(out) :: error
-   character(len=:), allocatable :: what
 
    if (.not. c_associated(why)) return
-   what = part_of(self%path)//": writing "
-   if (len(name) > 0) what = what//"'"//name//"' "
-   call fatal_error(error, err_file, what//"failed: "//to_fortran(why)// &
-      "; an earlier "//self%path//" is as it was")
-end subroutine check_write
+   if (self%writing) then
+      call fatal_error(error, err_file, part_of(self%path)//": writing '"//name//"' failed: "// &
+         to_fortran(why)//"; an earlier "//self%path//" is as it was")
+   else
+      call fatal_error(error, err_file, self%path//": dataset '"//name//"': "//to_fortran(why))
+   end if
+end subroutine check
 
 !> Name of a file while it is being written
 pure function part_of(path) result(part)

@@ -42,8 +42,9 @@ subroutine read_model_cloud(cloud, deck, out, error)
       if (found) path = beside
    end if
    if (.not. found) then
-      call fatal_error(error, err_file, deck%where('geometry.file')//': geometry.file: no model ' &
-         & //file//' in '//out//' or beside the deck: run `myork build` first')
+      call deck%complain('geometry.file', 'no model '//file//' in '//out//' or beside the deck: ' &
+         & //'run `myork build` first', error)
+      error%code = err_file
       return
    end if
    call read_model(cloud, path, error)

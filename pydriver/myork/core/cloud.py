@@ -13,8 +13,8 @@ from myork.records import PointCloud, Voxels
 # One unused point: the wrapper cannot infer the shape of nothing.
 _AT, _NUMBER = np.zeros((1, 3)), np.zeros(1, np.int32)
 NO_CLOUD = PointCloud(
-    _AT, np.ones((1, 3)), _AT, _NUMBER, _AT, np.ones(1), _NUMBER, _NUMBER, _AT, np.zeros(1),
-    ("none",), {}, "", "",
+    _AT, np.ones((1, 3)), _AT, _NUMBER, _AT, np.ones(1), _NUMBER, _NUMBER, np.eye(1, 3),
+    np.zeros(1), ("none",), {}, "", "",
 )  # fmt: skip
 
 

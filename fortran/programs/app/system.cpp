@@ -1,37 +1,30 @@
 /* What the program needs of the operating system and Fortran does not offer. */
-#define _GNU_SOURCE
-#include <errno.h>
-#include <fcntl.h>
-#include <limits.h>
-#include <signal.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
+#include <cerrno>
+#include <csignal>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <filesystem>
+#include <string>
 #include <sys/file.h>
 #ifdef __linux__
 #include <sys/prctl.h>
 #endif
 #include <sys/resource.h>
-#include <sys/stat.h>
 #include <unistd.h>
+
+extern "C" {
 
 static volatile sig_atomic_t interrupted = 0;
 
+/* Where the terminal or the parent has gone results are written first, however often it is said. */
 static void on_signal(int number) {
-   (void)number;
-   if (interrupted) _exit(130);
-   interrupted = 1;
-}
-
-/* The terminal or the parent has gone; however often it is said, results are written first. */
-static void on_hangup(int number) {
-   (void)number;
+   if (interrupted && (number == SIGINT || number == SIGTERM)) _exit(130);
    interrupted = 1;
 }
 
 static void handle(int number, void (*handler)(int)) {
-   struct sigaction action, before;
-   memset(&action, 0, sizeof action);
+   struct sigaction action = {}, before;
    action.sa_handler = handler;
    if (sigaction(number, NULL, &before) == 0 && before.sa_handler == SIG_IGN) return;
    sigaction(number, &action, NULL);
@@ -42,8 +35,8 @@ static void handle(int number, void (*handler)(int)) {
 void rk_catch_signals(void) {
    handle(SIGINT, on_signal);
    handle(SIGTERM, on_signal);
-   handle(SIGHUP, on_hangup);
-   signal(SIGUSR1, on_hangup);   /* the end of the parent, also where hangups are ignored */
+   handle(SIGHUP, on_signal);
+   signal(SIGUSR1, on_signal);   /* the end of the parent, also where hangups are ignored */
    signal(SIGPIPE, SIG_IGN);
 }
 
@@ -66,11 +59,9 @@ const char *rkf_output(const char *path, int keep, int *file);
 /* Claim a folder for this process until it ends: NULL, or the reason why not, with the process that
    has it where one has. File systems without locks are accepted. */
 const char *rk_lock_folder(const char *path, int *owner) {
-   char name[PATH_MAX];
    int file;
    *owner = 0;
-   if (snprintf(name, sizeof name, "%s/.lock", path) >= (int)sizeof name) return strerror(ENAMETOOLONG);
-   const char *why = rkf_output(name, 1, &file);
+   const char *why = rkf_output((std::string(path) + "/.lock").c_str(), 1, &file);
    if (why) return why;
    if (flock(file, LOCK_EX | LOCK_NB) != 0) {
       char text[32] = "";
@@ -83,15 +74,7 @@ const char *rk_lock_folder(const char *path, int *owner) {
    return NULL;   /* the file stays open, and with it the lock, until the process ends */
 }
 
-int rk_interrupted(void) { return interrupted != 0; }
-
-/* User and system time of the process so far [s]. */
-double rk_cpu_seconds(void) {
-   struct rusage usage;
-   if (getrusage(RUSAGE_SELF, &usage) != 0) return 0.0;
-   return (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
-          1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec);
-}
+bool rk_interrupted(void) { return interrupted != 0; }
 
 /* Peak memory of the process in bytes. */
 double rk_peak_bytes(void) {
@@ -102,23 +85,12 @@ double rk_peak_bytes(void) {
 
 /* Make a folder and those above it; NULL where it exists afterwards, or the reason why not. */
 const char *rk_make_folder(const char *path) {
-   char *copy = strdup(path);
-   struct stat info;
-   int status = 0;
-   if (copy == NULL) return strerror(ENOMEM);
-   for (char *slash = copy + 1; *slash != '\0'; slash++) {
-      if (*slash != '/') continue;
-      *slash = '\0';
-      if (mkdir(copy, 0777) != 0 && errno != EEXIST) status = errno;
-      *slash = '/';
-   }
-   if (mkdir(copy, 0777) != 0 && errno != EEXIST) status = errno;
-   if (stat(copy, &info) != 0 || !S_ISDIR(info.st_mode))
-      status = status ? status : ENOTDIR;
-   else
-      status = access(copy, W_OK) == 0 ? 0 : errno;
-   free(copy);
-   return status ? strerror(status) : NULL;
+   static std::string why;
+   std::error_code error;
+   std::filesystem::create_directories(path, error);
+   if (!error && access(path, W_OK) != 0) error = {errno, std::generic_category()};
+   why = error.message();
+   return error ? why.c_str() : NULL;
 }
 
 /* OpenMP threads that wait by spinning starve a machine that is shared; the library reads its
@@ -151,3 +123,5 @@ __attribute__((section(".preinit_array"), used)) static void (*const before_libr
 #endif
 
 const char *rk_version_text(void) { return MYORK_VERSION; }
+
+}
