@@ -56,7 +56,7 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
    !> Tridiagonal matrix of the iteration, whose eigenvalues are like those of P^-1 A: its diagonal
    !> and what stands beside it, shape (2, limit)
    real(wp), intent(inout), optional :: lanczos(:, :)
-   !> Iterations in which the tolerance should be reached: those that are surely slower are given up
+   !> Iterations in which the tolerance should be reached: it stops where it is clearly slower
    integer, intent(in), optional :: pace
    real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:)
    real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3

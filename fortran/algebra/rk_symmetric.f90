@@ -606,7 +606,7 @@ logical function definite(self)
             ! of no symmetry that a mode could have
             b = [(sin(real(k, wp)**2), k=1, self%n)]
             call minres(system, b, exact, min(few, nint(tried*near%cost)), x, iterations, rcond, &
-               & lanczos, pace=nint(tried*near%cost))
+               & lanczos, pace=min(few, nint(tried*near%cost)))
             definite = rcond <= exact .and. .not. has_below(lanczos(:, :iterations), clear)
             if (definite) return
          end if

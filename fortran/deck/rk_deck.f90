@@ -350,7 +350,7 @@ subroutine locate(self, error)
 
    if (.not. allocated(error)) return
    if (index(error%message, self%path//':') == 1 .or. index(error%message, '--set ') == 1) return
-   call get_place(self, 'geometry', place)
+   call cite(self, 'geometry', place)
    error%message = place//': '//error%message
 end subroutine locate
 

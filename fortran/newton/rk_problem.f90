@@ -192,8 +192,8 @@ subroutine get_advice(self, text)
          & //'smooth functions in place of max, min, abs and comparisons'
    else
       text = 'rounding errors dominate (the largest K is '//text//' times its shear modulus), or ' &
-         & //'no step reduces the residual; use method "rkpm-gauss", a smaller K, more points or ' &
-         & //'less load'
+         & //'no step reduces the residual; use a smaller K, more points or less load'
+      if (index(self%scene%method, 'rkpm') /= 1) text = text//', or method "rkpm-gauss"'
    end if
 end subroutine get_advice
 

@@ -232,23 +232,29 @@ subroutine take_arrays(self, error)
    call need('points', np > 0 .and. are_columns(self%points, np))
    call need('label', size(self%label) == np)
    call need('fiber', are_columns(self%fiber, np))
+   if (allocated(error)) return
    call need_each('fiber', norm2(self%fiber, dim=1) <= off_unit &
-      & .or. abs(norm2(self%fiber, dim=1) - 1.0_wp) <= off_unit)
+      & .or. abs(norm2(self%fiber, dim=1) - 1.0_wp) <= off_unit, [(ip, ip=1, np)], self%fiber, &
+      & 'neither a unit vector nor zero')
    call need('volume', size(self%volume) == np .and. all(self%volume >= 0.0_wp &
       & .and. self%volume <= huge(1.0_wp)) .and. any(self%volume > 0.0_wp))
    call need('boundary_point', all(self%boundary_point >= 0 .and. self%boundary_point < np))
    call need('boundary_set', size(self%boundary_set) == nb .and. all(self%boundary_set >= 0 &
       & .and. self%boundary_set < size(self%set_names)))
    call need('normal', are_columns(self%normal, nb))
-   call need_each('normal', abs(norm2(self%normal, dim=1) - 1.0_wp) < off_unit)
+   if (allocated(error)) return
+   call need_each('normal', abs(norm2(self%normal, dim=1) - 1.0_wp) < off_unit, &
+      & self%boundary_point + 1, self%normal, 'not a unit vector')
    call need('area', size(self%area) == nb .and. all(self%area >= 0.0_wp &
       & .and. self%area <= huge(1.0_wp)))
    if (allocated(self%activation)) call need('activation', size(self%activation) == np &
       & .and. all(self%activation >= 0.0_wp .and. self%activation <= 1.0_wp))
    if (allocated(self%fraction)) then
       call need('fraction', all(shape(self%fraction) == [size(self%fraction_label), np]))
+      if (allocated(error)) return
       call need_each('fraction', all(self%fraction >= 0.0_wp, dim=1) &
-         & .and. abs(sum(self%fraction, dim=1) - 1.0_wp) < off_unit)
+         & .and. abs(sum(self%fraction, dim=1) - 1.0_wp) < off_unit, [(ip, ip=1, np)], &
+         & self%fraction, 'none may be negative, and their sum must be 1')
    end if
    if (allocated(self%voxels%index)) then
       associate (voxels => self%voxels)
@@ -281,28 +287,31 @@ contains
    end function are_columns
 
    !> The first complaint is kept
-   subroutine need(name, right, of)
+   subroutine need(name, right)
       !> Array, and whether it is what it must be
       character(len=*), intent(in) :: name
       logical, intent(in) :: right
-      !> What of it is not
-      character(len=*), intent(in), optional :: of
-      character(len=:), allocatable :: entry
 
-      if (right .or. allocated(error)) return
-      entry = ''
-      if (present(of)) entry = of
-      call fatal_error(error, err_input, "'"//name//"'"//entry//' does not have the numbers of a ' &
-         & //'model: one for each point, finite and in range; normals and fibers are unit ' &
-         & //'vectors (no fiber: zeros), fractions add up to 1')
+      if (.not. (right .or. allocated(error))) call fatal_error(error, err_input, "'"//name &
+         & //"' does not have the numbers of a model: one for each point, finite and in range")
    end subroutine need
 
-   !> Name the first wrong entry
-   subroutine need_each(name, right)
+   !> The first wrong entry is named with its point
+   subroutine need_each(name, right, point, values, rule)
       character(len=*), intent(in) :: name
       logical, intent(in) :: right(:)
+      !> Collocation point of each entry, from 1
+      integer, intent(in) :: point(:)
+      !> Entries, shape (:, n)
+      real(wp), intent(in) :: values(:, :)
+      !> What an entry has to be
+      character(len=*), intent(in) :: rule
+      integer :: k
 
-      call need(name, all(right), ', entry '//to_text(findloc(right, .false., dim=1))//',')
+      if (allocated(error) .or. all(right)) return
+      k = findloc(right, .false., dim=1)
+      call fatal_error(error, err_input, "'"//name//"' at collocation point "//to_text(point(k)) &
+         & //' at '//to_text(self%points(:, point(k)))//' is '//to_text(values(:, k))//': '//rule)
    end subroutine need_each
 
 end subroutine take_arrays

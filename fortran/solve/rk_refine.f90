@@ -258,6 +258,7 @@ contains
             & //to_text(self%cost, 3)//' CPU s was used up'
          self%reason = self%target//'not met: the first points, '//list(cells)//' cells, have no ' &
             & //'second solution'
+         if (within%late()) self%reason = self%reason//' within refine.cost'
          deallocate (error)
          return
       end if

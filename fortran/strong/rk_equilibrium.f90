@@ -609,7 +609,6 @@ function set_force(self, set, state, share, about) result(force)
 
    nd = self%scene%cloud%nd
    force = 0.0_wp
-   pull = 0.0_wp
    call find_reach(self, set, normal, origin, reach, usable)
    ! a rotation moves along both directions across its axis
    if (present(about)) usable = [usable(2) .and. usable(3), usable(1) .and. usable(3), &
@@ -618,6 +617,7 @@ function set_force(self, set, state, share, about) result(force)
       do e = 1, size(cloud%boundary_point)
          if (.not. cloud%in_set(e, set)) cycle
          call self%at_point(state, cloud%boundary_point(e), local)
+         pull = 0.0_wp
          pull(:nd) = matmul(local%p(:nd, :nd), cloud%normal(:, e))*cloud%area(e)
          if (present(about)) pull = vector_product(local%x + local%u - about, pull)
          force = force + pull
@@ -667,10 +667,10 @@ function slab_force(self, state, normal, away, half, about) result(force)
 
    nd = size(normal)
    force = 0.0_wp
-   pull = 0.0_wp
    do ip = 1, size(away)
       if (abs(away(ip)) >= half) cycle
       call self%at_point(state, ip, local)
+      pull = 0.0_wp
       pull(:nd) = matmul(local%p(:nd, :nd), normal)*self%scene%cloud%volume(ip) &
          & *0.5_wp*(1.0_wp + cos(pi*away(ip)/half))/half
       if (present(about)) pull = vector_product(local%x + local%u - about, pull)

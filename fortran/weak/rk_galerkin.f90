@@ -509,7 +509,7 @@ real(wp) function active_pressure(self, g, at, load) result(value)
    class(galerkin_problem), intent(in) :: self
    !> Group
    integer, intent(in) :: g
-   !> State with the deformation of the group; none at rest
+   !> State with the deformation of the group; where it is deformed the pressure is zero
    type(field_state), intent(in) :: at
    !> Load [-]
    real(wp), intent(in) :: load

@@ -86,6 +86,8 @@ pure function coupled(self, neighbour) result(list)
    type(csr_type) :: list
    integer :: plate(size(self%follows, 2)), s
 
+   list = neighbour
+   if (self%count == 0) return
    plate = maxval(self%follows, dim=1)
    list = lengthened(neighbour, csr_type([0_i8, (count(plate(:s) > 0, kind=i8), &
       & s=1, size(plate))], pack(plate, plate > 0)))

@@ -140,7 +140,7 @@ def changed(name: str, value: float) -> PointCloud:
     (SOLID, "rkcm-mixed", "a model has no lattice"),
     *((changed(name, np.nan), "rkcm", f"'{name}' must contain finite numbers")
       for name in ("points", "source", "fiber")),
-    (changed("fiber", 3.0), "rkcm", "'fiber', entry "),
+    (changed("fiber", 3.0), "rkcm", "'fiber' at collocation point "),
 ])  # fmt: skip
 def test_clouds_that_carry_no_approximation(body: PointCloud, method: str, said: str) -> None:
     """Layers that are too few, supports all alike on graded points, no lattice, no numbers."""

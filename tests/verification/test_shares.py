@@ -148,7 +148,7 @@ def test_fractions_need_materials_and_sums(tmp_path) -> None:
     with h5py.File(path) as file:
         assert file["fraction_label"][:].tolist() == [1, 2]
     cloud.fraction[1, 0] += 0.1
-    assert "fractions add up to 1" in scenes.refused(tables, cloud)
+    assert "their sum must be 1" in scenes.refused(tables, cloud)
 
 
 SOFT = {"name": "soft", "label": 1, "model": "polynomial", "A10": 5.0, "K": 20.0}

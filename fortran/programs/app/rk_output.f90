@@ -253,7 +253,10 @@ subroutine note(self, line, warning)
    character(len=*), intent(in) :: line
    logical, intent(in) :: warning
 
-   if (warning) then
+   if (.not. allocated(self%record)) then
+      ! the run that follows a search warns again
+      if (.not. warning) call self%say(line, level=0)
+   else if (warning) then
       call self%say('warning: '//line, level=0)
    else
       call self%say('  '//line, level=0)

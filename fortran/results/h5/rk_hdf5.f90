@@ -259,10 +259,14 @@ subroutine check(self, name, why, error)
    type(c_ptr), intent(in) :: why
    type(error_type), allocatable, intent(out) :: error
 
+   character(len=:), allocatable :: what
+
    if (.not. c_associated(why)) return
    if (self%writing) then
-      call fatal_error(error, err_file, part_of(self%path)//": writing '"//name//"' failed: "// &
-         to_fortran(why)//"; an earlier "//self%path//" is as it was")
+      what = ''
+      if (len(name) > 0) what = " '"//name//"'"
+      call fatal_error(error, err_file, part_of(self%path)//': writing'//what//' failed: ' &
+         & //to_fortran(why)//'; an earlier '//self%path//' is as it was')
    else
       call fatal_error(error, err_file, self%path//": dataset '"//name//"': "//to_fortran(why))
    end if

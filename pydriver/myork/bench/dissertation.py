@@ -82,6 +82,16 @@ _RKPM = (
 # ---- chapter 4 -----------------------------------------------------------------------------------
 
 
+def _constants(name: str, title: str, deck: str, values: dict[str, dict[str, float]]) -> Table:
+    """A table of material constants, which are those of a deck."""
+    rows = tuple(
+        Row(f"{material}, {key} [N/cm²]", value, ("deck", f"material.{material}.{key}"))
+        for material, constants in values.items()
+        for key, value in constants.items()
+    )
+    return Table(name, title, {"deck": Run("deck", deck)}, rows, 0.1)
+
+
 def _aged(name: str, value: float | None, key: str, blocks: str = "", note: str = "") -> Row:
     """The old muscle over the young one."""
     return Row(name, value, (f"old{blocks}", key, f"young{blocks}", key), note)
@@ -147,6 +157,17 @@ _AGED_NOTE = (
 )
 
 _CHAPTER_4 = (
+    _constants(
+        "4.1", "Material constants of muscle", "muscle_block",
+        {"muscle": {"A10": 6.43, "A01": -3.8, "A20": 0.94, "A02": 5e-4, "A11": -4.3e-3, "K": 5000}},
+    ),
+    _constants(
+        "4.2", "Material constants of connective tissue and fat", "leg_section",
+        {
+            "connective_tissue": {"A10": 30, "A20": 80, "A30": 800, "K": 50000},
+            "fat": {"A10": 3, "A20": 8, "A30": 80, "K": 5000},
+        },
+    ),
     Table("4.3", "Young and old gastrocnemius", _AGED_RUNS, _AGED, 90, _AGED_NOTE),
     Table(
         "figure-4.7", "Segmented medial gastrocnemius against manual labels, means over the slices",
@@ -301,6 +322,10 @@ def _both(
 
 
 _NONLINEAR = (
+    _constants(
+        "5.1", "Material constants of rubber", "shear_3d",
+        {"rubber": {"A10": 37.3, "A20": -3.1, "A30": 0.5}},
+    ),
     _solved(
         "5.12", "Shear stress in the middle of the sheared block", "shear_3d", 0.5,
         (
@@ -646,10 +671,8 @@ TABLES = {
     for table in (*_CHAPTER_4, *_LINEAR, *_NONLINEAR, *_PERFORMANCE, *_MOTION_TABLES, *_PATH_TABLES)
 }
 
-#: Tables of material constants, and figures without a number in figure or text; where their content
-#: is seen
+#: Figures without a number in figure or text, and where their content is seen
 WITHOUT_NUMBERS = {
-    "tables 4.1, 4.2, 5.1": "constants of the decks muscle_block, leg_section, shear_3d",
     "3.1 to 3.9, 4.1 to 4.4": "level sets on images: docs/imaging.md, `myork segment`",
     "4.5, 4.6": (
         "two slices of the author's images, whose numbers are rows of figure-4.7; real anatomy: "

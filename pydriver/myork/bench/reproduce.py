@@ -36,11 +36,11 @@ from myork.bench.phantoms import (
     inclined,
     labelled,
 )
-from myork.bench.runs import path_of, solved
+from myork.bench.runs import read_deck, solved
 from myork.console import ProgressCallback, silent
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError, MyorkError
-from myork.files import alone_in, write_figure, write_json, write_text
+from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
 from myork.imaging.io import read_image, read_labels
 from myork.records import Labels
 from myork.report.frame import Page, Section, figure, table
@@ -61,6 +61,12 @@ Record = Mapping[str, Any]
 
 
 # ---- what runs compute ---------------------------------------------------------------------------
+
+
+def _deck(run: Run, progress: ProgressCallback) -> Record:
+    """Values of a deck, materials by name."""
+    values = read_deck(run.deck, run.overrides)
+    return values | {"material": {entry["name"]: entry for entry in values["material"]}}
 
 
 def _solve(run: Run, progress: ProgressCallback) -> Record:
@@ -98,7 +104,7 @@ def _segment(run: Run, progress: ProgressCallback) -> Record:
     """
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         out = Path(folder)
-        found = segment(path_of(run.deck), out, threads=1, progress=progress)
+        found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
         record: dict[str, Any] = {
             "anatomy": read_image(out / "anatomy.nii.gz"),
             "found": _gastrocnemius(read_labels(out / "segmentation.nii.gz")),
@@ -130,7 +136,7 @@ def _tissue(run: Run, progress: ProgressCallback) -> Record:
     """Dice of fat and connective tissue of a leg, and of the latter by fuzzy clusters alone."""
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         out = Path(folder)
-        found = segment(path_of(run.deck), out, threads=1, progress=progress)
+        found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
         labels, truth = (read_labels(out / f"{name}.nii.gz") for name in ("tissue", "true_tissue"))
         image = read_image(out / "connective.nii.gz")
         clusters = read_image(out / "membership_connective_tissue.nii.gz").data > 0.5
@@ -177,7 +183,7 @@ def _fibers(run: Run, progress: ProgressCallback) -> Record:
 
 def _motion(run: Run, progress: ProgressCallback) -> Record:
     """Error e1 of a motion by numbers of modes, by Cholesky's factor as published."""
-    with Scene(path_of(run.deck), run.overrides, threads=1) as scene:
+    with Scene(INPUTS / f"{run.deck}.toml", run.overrides, threads=1) as scene:
         states = scene.solve(error=False)
         full = PathStates.of(scene, states.x, states.load)
         modes, _ = proper_orthogonal_modes(states.x)
@@ -201,8 +207,8 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         if run.deck == "mg_muscle":
             for station in (segment, build):
-                station(path_of(run.deck), Path(folder), overrides=run.overrides, threads=1)
-        with Scene(path_of(run.deck), run.overrides, Path(folder), threads=1) as scene:
+                station(INPUTS / "mg_muscle.toml", Path(folder), overrides=_images(run), threads=1)
+        with Scene(INPUTS / f"{run.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
             progress(f"{run.deck}: full model, {scene.dofs} unknowns")
             before = time.process_time()
             states = scene.solve(error=False)
@@ -225,6 +231,11 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
     return record | {"full": {"cpu_min": dense / 60, "auto_min": auto / 60}}
 
 
+def _images(run: Run) -> tuple[str, ...]:
+    """Overrides of what is made of images."""
+    return tuple(word for word in run.overrides if word.startswith(("phantom", "image", "build")))
+
+
 def _dense_iteration(scene: Scene, start: F64) -> float:
     """Processor time of an iteration at full load by dense QR [s]."""
     scene.update({"load.steps": 1, "load.max_halvings": 0, "solver.max_iterations": 1})
@@ -237,6 +248,7 @@ def _dense_iteration(scene: Scene, start: F64) -> float:
 
 #: What a kind of run computes: a record with the quantities of its rows
 RUNS: dict[str, Callable[..., Record]] = {
+    "deck": _deck,
     "solve": _solve,
     "rates": _rates,
     "segment": _segment,
@@ -268,9 +280,9 @@ def find_tables(names: Sequence[str]) -> list[Table]:
         if key is None:
             close = ", ".join(get_close_matches(plain, TABLES, 3, 0.0))
             raise InputError(
-                f"the dissertation has no table or figure {name!r} with computed numbers; the "
-                f"nearest are {close}; `myork reproduce --list` names all, and where those without "
-                "numbers are seen"
+                f"the dissertation has no table or figure {name!r} with numbers; the nearest are "
+                f"{close}; `myork reproduce --list` names all, and where those without numbers are "
+                "seen"
             )
         found[key] = TABLES[key]
     return list(found.values())
@@ -284,8 +296,8 @@ def list_tables() -> str:
         long = "  (long)" if entry.cost_s > _LONG else ""
         lines.append(f"{entry.name:<12} {entry.cost_s:>8g}  {decks[0]:<21} {entry.title}{long}")
         lines += [f"{'':<23} {deck}" for deck in decks[1:]]
-    lines += ["", "without computed numbers (bare names are figures):"]
-    lines += [f"  {names}: {place}" for names, place in WITHOUT_NUMBERS.items()]
+    lines += ["", "figures without numbers:"]
+    lines += [f"  {figures}: {place}" for figures, place in WITHOUT_NUMBERS.items()]
     return "\n".join(lines)
 
 
@@ -501,7 +513,7 @@ def _markdown(content: Mapping[str, Any], done: Sequence[Table], texts: Sequence
         "# The dissertation's tables and figures",
         "",
         f"Written by `{_call(done)}` {_about(content, done)} The command prints the decks with "
-        "their overrides, `myork reproduce --list` the costs, and what has no computed numbers.",
+        "their overrides, `myork reproduce --list` the costs, and figures without numbers.",
         "",
     ]
     return "\n".join([*lines, *texts])
