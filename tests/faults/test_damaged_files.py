@@ -557,3 +557,10 @@ def test_a_full_disk(place: Path, tmp_path: Path, name: str) -> None:
         limit = partial(resource.setrlimit, resource.RLIMIT_FSIZE, (size, size))
         assert "Traceback" not in ended(start(place, name, out, limit), 0, 1, 2)
         assert_whole(place / name, out)
+
+
+@pytest.mark.slow
+def test_no_array_of_a_model_lies_in_another_file(sound: Path) -> None:
+    """Python and the executable refuse the link, also of arrays that a model may lack."""
+    for number in range(12):
+        assert refusal(sound / "voxels" / "active.h5", [("array", number, "another file")]), number

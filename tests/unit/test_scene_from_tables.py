@@ -211,7 +211,7 @@ def probed(*point: float) -> dict[str, Any]:
     (probed(2, 0, 0), "point = [2, 0, 0]", "probe.mid.point: (2, 0, 0) lies outside "),
     (probed(0, 0, -0.1), "point = [0, 0, -0.1]", "probe.mid.point: (0, 0, -0.1) lies out"),
     ({"material": [BARE]}, "[[material]]", "material.muscle.fiber: missing, collocation point 1 "),
-    ({"approximation": {"order": 2, "support": 1.05}}, "[geometry]", "point 1 at (0, 0, 0): si"),
+    ({"approximation": {"order": 2, "support": 1.05}}, "[geometry]", "geometry: point 1 at (0"),
 ])  # fmt: skip
 def test_wrong_line(write_deck: Write, change: dict[str, Any], line: str, message: str) -> None:
     """One complaint, at its line."""

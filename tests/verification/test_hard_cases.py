@@ -95,7 +95,7 @@ def test_a_volume_ratio_that_is_off_is_not_accepted(inputs: Path, form: str, pla
 MUSCLES = {
     ("rkcm", ""): "displacements", ("rkcm", "material.sigma_max=300"): "displacements",
     ("rkpm-gauss", ""): "", ("rkpm-gauss", "material.sigma_max=300"): "unstable",
-    ("rkpm-scni", ""): "", ("rkpm-scni", "material.sigma_max=300"): "loses ellipticity",
+    ("rkpm-scni", ""): "", ("rkpm-scni", "material.sigma_max=300"): "unstable",
 }  # fmt: skip
 
 
@@ -106,7 +106,7 @@ def test_full_activation_in_one_step(inputs: Path, form: str, stiff: str) -> Non
     words = (*lattice((4, 4, 7)), "load.steps=1", *weights, *stiffer, f"scene.method={form}")
     found = solved(inputs / "muscle_block.toml", *words, error=True)
     law, doubt = read_deck("muscle_block", stiffer)["material"][0], MUSCLES[form, stiff]
-    stray = 0.15 if doubt == "loses ellipticity" else 0.05
+    stray = 0.15 if doubt and form == "rkpm-scni" else 0.05
     check(found, along_fibers(law, 1.0, 1.0), doubt=doubt, stray=stray)
 
 

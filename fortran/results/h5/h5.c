@@ -104,10 +104,16 @@ const char *rkh5_close(int64_t file)
 
 int rkh5_exists(int64_t file, const char *path)
 {
-   hid_t found;
-   H5E_BEGIN_TRY { found = H5Oopen(file, path, H5P_DEFAULT); } H5E_END_TRY
-   if (found >= 0) H5Oclose(found);
-   return found >= 0;
+   char part[1024];
+   size_t length = strlen(path);
+   if (length >= sizeof part) return 0;
+   for (size_t i = 1; i <= length; i++) {   /* every group on the way must exist as well */
+      if (path[i] != '/' && path[i] != '\0') continue;
+      memcpy(part, path, i);
+      part[i] = '\0';
+      if (H5Lexists(file, part, H5P_DEFAULT) <= 0) return 0;
+   }
+   return 1;
 }
 
 /* Chunks hold whole rows (first HDF5 dimension): one append, an even part of a large one, or

@@ -258,7 +258,6 @@ subroutine check(self, name, why, error)
    !> Reason of a failure, null for success
    type(c_ptr), intent(in) :: why
    type(error_type), allocatable, intent(out) :: error
-
    character(len=:), allocatable :: what
 
    if (.not. c_associated(why)) return
