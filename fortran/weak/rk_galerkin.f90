@@ -503,8 +503,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
 end subroutine group_part
 
 !> First coefficient of the pressure with which active stress at rest is a pull along the fibers
-!> alone: without it the stress across them is a compression, and the tangent at the start of the
-!> first load step is rarely positive definite [stress length^(nd/2)]
+!> alone: without it the stress across them is a compression, with which the tangent at the start of
+!> the first load step may not be positive definite [stress length^(nd/2)]
 real(wp) function active_pressure(self, g, at, load) result(value)
    class(galerkin_problem), intent(in) :: self
    !> Group

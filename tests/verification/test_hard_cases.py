@@ -90,8 +90,8 @@ def test_a_volume_ratio_that_is_off_is_not_accepted(inputs: Path, form: str, pla
     assert "given by the pressure" in " ".join([*states.reasons, *states.warnings])
 
 
-#: Activation in one step, and active stress far above the passive stiffness, where the material
-#: loses ellipticity. Displacements below a hundredth of the edge are off in collocation.
+#: Activation in one step, and active stress far above the passive stiffness, where weak forms find
+#: an unstable body. Displacements below a hundredth of the edge are off in collocation.
 MUSCLES = {
     ("rkcm", ""): "displacements", ("rkcm", "material.sigma_max=300"): "displacements",
     ("rkpm-gauss", ""): "", ("rkpm-gauss", "material.sigma_max=300"): "unstable",
