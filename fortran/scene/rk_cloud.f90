@@ -20,6 +20,8 @@ module rk_cloud
    !> Edges of a voxel that its point may be off its centre: those on the surface were moved there,
    !> at shallow ends by three edges [-]
    real(wp), parameter :: moved = 10.0_wp
+   !> Largest coordinate, and inverse of the smallest spacing: squares of their ratios are finite
+   real(wp), parameter :: largest = 1.0e60_wp
    !> By how much unit vectors and sums of fractions may be off [-]
    real(wp), parameter :: off_unit = 1.0e-6_wp
    !> Memory that arrays on the grid of the voxels take at the most: eight octants of 4 bytes, a
@@ -228,7 +230,7 @@ subroutine take_arrays(self, error)
    np = size(self%points, 2)
    nb = size(self%boundary_point)
    call need('source', ns > 0 .and. are_columns(self%source, ns))
-   call need('spacing', are_columns(self%spacing, ns) .and. all(self%spacing > 0.0_wp))
+   call need('spacing', are_columns(self%spacing, ns) .and. all(self%spacing >= 1.0_wp/largest))
    call need('points', np > 0 .and. are_columns(self%points, np))
    call need('label', size(self%label) == np)
    call need('fiber', are_columns(self%fiber, np))
@@ -277,13 +279,13 @@ subroutine take_arrays(self, error)
 
 contains
 
-   !> Whether an array has three finite numbers for each of n entries
+   !> Whether an array has three numbers in range for each of n entries
    logical function are_columns(values, n)
       real(wp), intent(in) :: values(:, :)
       !> Entries there must be
       integer, intent(in) :: n
 
-      are_columns = all(shape(values) == [3, n]) .and. all(abs(values) <= huge(1.0_wp))
+      are_columns = all(shape(values) == [3, n]) .and. all(abs(values) <= largest)
    end function are_columns
 
    !> The first complaint is kept

@@ -190,7 +190,10 @@ def _text(file: h5py.File, name: str) -> str:
     found = dataset(file, name)
     if found.dtype.kind not in "iu" or found.ndim != 1:
         raise InputError(f"'{name}' is not a text")
-    return bytes(found[()].astype(np.uint8)).decode()
+    text = bytes(found[()].astype(np.uint8)).decode()
+    if "\0" in text:
+        raise InputError(f"'{name}' contains a null character")
+    return text
 
 
 def _lines(file: h5py.File, name: str) -> list[str]:
