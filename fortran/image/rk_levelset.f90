@@ -28,8 +28,8 @@ module rk_levelset
       real(wp) :: epsilon
       !> Largest artificial time step, > 0 [-]
       real(wp) :: dt
-      !> Voxel sizes, > 0 [-]
-      real(wp) :: spacing(3)
+      !> Pixel sizes, > 0 [-]
+      real(wp) :: spacing(2)
       !> Largest part of the voxels that may change their region in `window` iterations at rest [-]
       real(wp) :: tolerance
       !> Largest number of iterations
@@ -50,32 +50,29 @@ module rk_levelset
 
 contains
 
-!> Evolve the level sets of a stack, block by block of slices, until their regions rest
-subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, means, iterations, &
-   ended, error)
+!> Evolve the level sets of each slice until its regions rest
+subroutine evolve_level_sets(options, channels, weight, phi, energy, means, iterations, ended, &
+   error)
    type(level_set_options), intent(in) :: options
-   !> Slices of a block: 1 for independent slices, all of them for a volume
-   integer, intent(in) :: depth
    !> Values, shape (columns, rows, slices, channels) [-]
    real(wp), intent(in) :: channels(:, :, :, :)
    !> Weights of the voxels' misfit, zero where they take no part, shape (columns, rows, slices)
    real(wp), intent(in) :: weight(:, :, :)
    !> Level sets, shape (columns, rows, slices, level sets); first guess in, result out [-]
    real(wp), intent(inout) :: phi(:, :, :, :)
-   !> Energy (3.29) at the start and after each iteration, shape (options%iterations+1, blocks);
+   !> Energy (3.29) at the start and after each iteration, shape (options%iterations+1, slices);
    !> entries after the last iteration repeat the last one [-]
    real(wp), intent(out) :: energy(:, :)
-   !> Mean values, shape (channels, regions, blocks); bit k of a region's number, both counted
+   !> Mean values, shape (channels, regions, slices); bit k of a region's number, both counted
    !> from zero, is set where it lies inside of level set k + 1 [-]
    real(wp), intent(out) :: means(:, :, :)
-   !> Iterations done, shape (blocks); 0 for a block without voxels
+   !> Iterations done, shape (slices); 0 for a slice without voxels
    integer, intent(out) :: iterations(:)
-   !> Why each block ended: one of the `ended_` constants, shape (blocks)
+   !> Why each slice ended: one of the `ended_` constants, shape (slices)
    integer, intent(out) :: ended(:)
    type(error_type), allocatable, intent(out) :: error
-   integer :: block, first, last, blocks
+   integer :: k
 
-   blocks = size(channels, 3)/depth
    associate (regions => size(options%lambda, 2), most => 2**size(phi, 4))
       if (regions > most .or. 2*regions <= most) then
          call fatal_error(error, err_input, "More than half of the combinations of signs of "// &
@@ -90,27 +87,23 @@ subroutine evolve_level_sets(options, depth, channels, weight, phi, energy, mean
       return
    end if
 
-   ! Threads share the slices of a stack, or the rows inside of a volume.
-   !$omp parallel do default(none) schedule(dynamic) private(block, first, last) if(blocks > 1) &
-   !$omp shared(options, depth, channels, weight, phi, energy, means, iterations, ended, blocks)
-   do block = 1, blocks
-      first = 1 + (block - 1)*depth
-      last = block*depth
-      call evolve_block(options, channels(:, :, first:last, :), weight(:, :, first:last), &
-         phi(:, :, first:last, :), energy(:, block), means(:, :, block), iterations(block), &
-         ended(block))
+   !$omp parallel do default(none) schedule(dynamic) private(k) &
+   !$omp shared(options, channels, weight, phi, energy, means, iterations, ended)
+   do k = 1, size(channels, 3)
+      call evolve_slice(options, channels(:, :, k, :), weight(:, :, k), phi(:, :, k, :), &
+         energy(:, k), means(:, :, k), iterations(k), ended(k))
    end do
    !$omp end parallel do
 end subroutine evolve_level_sets
 
-!> Evolve the level sets of a block
-subroutine evolve_block(options, channels, weight, phi, energy, means, iterations, ended)
+!> Evolve the level sets of a slice
+subroutine evolve_slice(options, channels, weight, phi, energy, means, iterations, ended)
    type(level_set_options), intent(in) :: options
-   real(wp), intent(in), contiguous, target :: channels(:, :, :, :)
-   !> Weights of the voxels, shape (columns, rows, slices) [-]
-   real(wp), intent(in), contiguous, target :: weight(:, :, :)
-   !> Level sets, shape (columns, rows, slices, level sets) [-]
-   real(wp), intent(inout), contiguous, target :: phi(:, :, :, :)
+   real(wp), intent(in), contiguous, target :: channels(:, :, :)
+   !> Weights of the voxels, shape (columns, rows) [-]
+   real(wp), intent(in), contiguous, target :: weight(:, :)
+   !> Level sets, shape (columns, rows, level sets) [-]
+   real(wp), intent(inout), contiguous, target :: phi(:, :, :)
    !> Energy at the start and after each iteration, shape (options%iterations+1) [-]
    real(wp), intent(out) :: energy(:)
    !> Mean values, shape (channels, regions) [-]
@@ -134,8 +127,8 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    call new_grid(grid, weight, options%spacing)
    voxels = nint(sum(grid%part))
    if (voxels == 0) return
-   levels = size(phi, 4)
-   values(1:size(weight), 1:size(channels, 4)) => channels
+   levels = size(phi, 3)
+   values(1:size(weight), 1:size(channels, 3)) => channels
    weights(1:size(weight)) => weight
    image(1:size(weight), 1:levels) => phi
    n = size(phi, 1)
@@ -160,15 +153,12 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
    iterate: do iteration = 1, options%iterations
       iterations = iteration
       do attempt = 0, halvings
-         !$omp parallel do default(none) schedule(static) private(row) &
-         !$omp shared(options, grid, dt, means, values, weights, level, inside, now, next, lambda)
          do row = 1, size(grid%rows)
             if (grid%rows(row)%last < grid%rows(row)%first) cycle
             call advance_row(grid, grid%rows(row), options%mu, options%nu, options%epsilon, dt, &
                lambda, means, values, weights, level(:, :, now), inside(:, :, now), &
                level(:, :, next))
          end do
-         !$omp end parallel do
          call measure(options, grid, values, weights, level(:, :, next), inside(:, :, next), &
             next_means, next_energy)
          if (next_energy <= lowest) exit
@@ -200,7 +190,7 @@ subroutine evolve_block(options, channels, weight, phi, energy, means, iteration
          image(first:first + n - 1, :) = level(from:from + n - 1, :, now)
       end associate
    end do
-end subroutine evolve_block
+end subroutine evolve_slice
 
 !> Step functions, means (4.5) and energy (3.29) of level sets
 subroutine measure(options, grid, values, weights, phi, inside, means, energy)
@@ -220,24 +210,17 @@ subroutine measure(options, grid, values, weights, phi, inside, means, energy)
 
    channels = size(means, 1)
    allocate (of_row(size(sums), size(grid%rows)), source=0.0_wp)
-   !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, phi, inside)
    do row = 1, size(grid%rows)
       associate (a => grid%rows(row)%first, b => grid%rows(row)%last)
          ! (3.16)
          inside(a:b, :) = 0.5_wp + atan(phi(a:b, :)/options%epsilon)/pi
       end associate
    end do
-   !$omp end parallel do
-   !$omp parallel do default(none) schedule(static) private(row) &
-   !$omp shared(options, grid, values, weights, means, inside, of_row)
    do row = 1, size(grid%rows)
       if (grid%rows(row)%last < grid%rows(row)%first) cycle
       call sum_row(grid, grid%rows(row), options%mu, options%nu, &
          size(means, 2), values, weights, inside, of_row(:, row))
    end do
-   !$omp end parallel do
-   ! Row by row, so that the number of threads does not show
    sums = 0.0_wp
    do row = 1, size(grid%rows)
       sums = sums + of_row(:, row)
@@ -253,7 +236,7 @@ subroutine measure(options, grid, values, weights, phi, inside, means, energy)
          energy = energy + sum(lambda(:, region)*(square - first*means(:, region)))/channels
       end associate
    end do
-   energy = energy*product(grid%spacing(:grid%axes))
+   energy = energy*product(grid%spacing)
 end subroutine measure
 
 end module rk_levelset

@@ -3,11 +3,11 @@
 !> A level set is positive inside (3.1). Its step is that of (3.21)-(3.23) with the curvature (3.3),
 !> and with the misfits (3.43) that of (3.42) without its distance term.
 !>
-!> Level sets lie in one padded array, so that a neighbour along any axis is a fixed step away:
-!> the same lines serve two and three dimensions. Signs of n level sets make 2**n combinations p;
-!> membership in one is the product over the bits of p of H (bit set: inside) or 1 - H, equation
-!> (3.19) for any n. Where fewer regions are wanted, the last combinations belong to the regions
-!> that differ in the highest bit, as for three regions in the reference.
+!> Level sets lie in one padded array, so that a neighbour along either axis is a fixed step away.
+!> Signs of n level sets make 2**n combinations p; membership in one is the product over the bits
+!> of p of H (bit set: inside) or 1 - H, equation (3.19) for any n. Where fewer regions are wanted,
+!> the last combinations belong to the regions that differ in the highest bit, as for three regions
+!> in the reference.
 !>
 !> Reference: Li et al., IEEE Trans. Image Process. 20 (2011), doi:10.1109/TIP.2011.2146190, and
 !> those of rk_levelset; equation numbers are those of the thesis named in the README.
@@ -29,14 +29,12 @@ module rk_levelset_rows
 
    !> Padded grid of a problem
    type :: grid_type
-      !> Axes along which there are neighbours, 2 or 3
-      integer :: axes
       !> Places in the padded arrays
       integer :: places
-      !> Steps to the next voxel along each axis, shape (3)
-      integer :: step(3)
-      !> Voxel sizes, shape (3) [-]
-      real(wp) :: spacing(3)
+      !> Steps to the next voxel along each axis
+      integer :: step(2)
+      !> Voxel sizes [-]
+      real(wp) :: spacing(2)
       !> Rows, shape (rows)
       type(row_type), allocatable :: rows(:)
       !> One for voxels that take part, zero for others, shape (places) [-]
@@ -50,35 +48,30 @@ module rk_levelset_rows
 
 contains
 
-!> Lay out the padded grid of an image
+!> Lay out the padded grid of a slice
 subroutine new_grid(self, weight, spacing)
    type(grid_type), intent(out) :: self
-   !> Weight of each voxel, zero where it takes no part, shape (columns, rows, slices) [-]
-   real(wp), intent(in) :: weight(:, :, :)
-   !> Voxel sizes, shape (3) [-]
-   real(wp), intent(in) :: spacing(3)
-   integer :: i, j, k, n(3), pad(3), row, place
+   !> Weight of each voxel, zero where it takes no part, shape (columns, rows) [-]
+   real(wp), intent(in) :: weight(:, :)
+   !> Voxel sizes [-]
+   real(wp), intent(in) :: spacing(2)
+   integer :: i, j, n(2), place
 
    n = shape(weight)
-   self%axes = merge(3, 2, n(3) > 1)
-   pad = [1, 1, self%axes - 2]
-   self%step = [1, n(1) + 2, (n(1) + 2)*(n(2) + 2)]
-   self%places = product(n + 2*pad)
+   self%step = [1, n(1) + 2]
+   self%places = product(n + 2)
    self%spacing = spacing
-   allocate (self%rows(n(2)*n(3)))
+   allocate (self%rows(n(2)))
    allocate (self%part(self%places), source=0.0_wp)
-   do k = 1, n(3)
-      do j = 1, n(2)
-         row = j + n(2)*(k - 1)
-         ! Place of the voxel before the first of the row
-         place = 1 + j*self%step(2) + (k - 1 + pad(3))*self%step(3)
-         self%rows(row) = row_type(place + n(1) + 1, place, place - n(1)*(row - 1))
-         do i = 1, n(1)
-            if (.not. weight(i, j, k) > 0.0_wp) cycle
-            self%part(place + i) = 1.0_wp
-            self%rows(row)%first = min(self%rows(row)%first, place + i)
-            self%rows(row)%last = place + i
-         end do
+   do j = 1, n(2)
+      ! Place of the voxel before the first of the row
+      place = 1 + j*self%step(2)
+      self%rows(j) = row_type(place + n(1) + 1, place, place - n(1)*(j - 1))
+      do i = 1, n(1)
+         if (.not. weight(i, j) > 0.0_wp) cycle
+         self%part(place + i) = 1.0_wp
+         self%rows(j)%first = min(self%rows(j)%first, place + i)
+         self%rows(j)%last = place + i
       end do
    end do
 end subroutine new_grid
@@ -134,7 +127,7 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, means, channels, 
 
       pull = 0.0_wp
       drawn = 0.0_wp
-      do axis = 1, grid%axes
+      do axis = 1, size(grid%step)
          s = grid%step(axis)
          rate = mu(level)/grid%spacing(axis)**2
          if (axis == 1) then
@@ -169,7 +162,7 @@ pure subroutine squared_slope(grid, a, b, values, square)
    integer :: axis, i, s
 
    square = 0.0_wp
-   do axis = 1, grid%axes
+   do axis = 1, size(grid%step)
       s = grid%step(axis)
       rate = 0.5_wp/grid%spacing(axis)**2
       do i = a, b
@@ -326,7 +319,7 @@ pure subroutine faces(grid, axis, a, b, phi, inverse)
       square(i) = flat**2 + rate*(phi(i + s) - phi(i))**2
    end do
    associate (takes => grid%part)
-      do other = 1, grid%axes
+      do other = 1, size(grid%step)
          if (other == axis) cycle
          s = grid%step(other)
          rate = 0.25_wp/grid%spacing(other)**2

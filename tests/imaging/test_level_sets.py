@@ -26,7 +26,7 @@ def choice(**changes):
 
 def evolve(channels, phi, **change):
     """The core with weights of one; `change` names what differs."""
-    options = {"spacing": (1.0, 1.0, 1.0), "volume": False, **STEERING, **change}
+    options = {"spacing": (1.0, 1.0), **STEERING, **change}
     weight = options.pop("weight", np.ones(channels.shape[:3]))
     options.setdefault("lambdas", np.ones((channels.shape[-1], 2 ** phi.shape[-1])))
     return evolve_level_sets(channels, weight, phi, **options)
@@ -39,7 +39,7 @@ def shifted(a, axis, side):
 
 def numpy_step(u, phi, *, mu, nu, epsilon, dt, spacing, lambdas):
     """One step of (A.1) for two level sets and any channels, written out; and the energy."""
-    axes = [d for d in range(3) if u.shape[d] > 1]
+    axes = range(2)
     h1, h2 = (0.5 + np.arctan(phi[..., k] / epsilon) / np.pi for k in (0, 1))
     members = [(1 - h1) * (1 - h2), h1 * (1 - h2), (1 - h1) * h2, h1 * h2]
     misfits, energy = [], 0.0
@@ -74,14 +74,13 @@ def numpy_step(u, phi, *, mu, nu, epsilon, dt, spacing, lambdas):
     return new, energy * np.prod([spacing[d] for d in axes])
 
 
-@pytest.mark.parametrize("shape", [(17, 13, 1), (9, 11, 7)])
-@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (1.0, 1.7, 4.0)])
-def test_steps_equal_plain_numpy(shape, spacing):
-    random = np.random.default_rng(3)
+@pytest.mark.parametrize("spacing", [(1.0, 1.0), (1.0, 1.7), (4.0, 1.0)])
+def test_steps_equal_plain_numpy(spacing):
+    random, shape = np.random.default_rng(3), (17, 13, 1)
     u, phi = random.random((*shape, 3)), [random.random((*shape, 2)) - 0.5]
     lambdas = np.array([1.0, 0.5, 2.0])[:, None] * [1.2, 0.8, 1.0, 0.6] + random.random((3, 4)) / 4
     keys = dict(mu=[0.02, 0.05], nu=0.01, epsilon=0.5, dt=0.7, spacing=spacing, lambdas=lambdas)
-    found = evolve(u, phi[0], tolerance=0.0, iterations=9, volume=True, **keys)
+    found = evolve(u, phi[0], tolerance=0.0, iterations=9, **keys)
     energies = []
     for _ in range(10):
         new, energy = numpy_step(u, phi[-1], **keys)
@@ -92,12 +91,11 @@ def test_steps_equal_plain_numpy(shape, spacing):
     np.testing.assert_allclose(found["energy"][:, 0], energies, rtol=1e-12)
 
 
-def test_slices_are_independent_and_a_volume_is_not():
+def test_slices_are_independent():
     u = np.random.default_rng(7).random((20, 18, 3, 1))
     alone = [evolve(u[:, :, [k]], u[:, :, [k]] - 0.5)["phi"] for k in range(3)]
     stack = evolve(u, u - 0.5)["phi"]
     assert np.array_equal(stack, np.concatenate(alone, axis=2))
-    assert not np.array_equal(stack, evolve(u, u - 0.5, volume=True)["phi"])
 
 
 @pytest.mark.parametrize("dt", [0.5, 50.0, 5000.0])

@@ -1,21 +1,21 @@
 ! Python boundary of the segmentation: plain arrays in, plain arrays out.
 
-!> Evolve level sets in blocks of `depth` slices; steering is nu, epsilon, dt, tolerance, and
+!> Evolve level sets slice by slice; steering is nu, epsilon, dt, tolerance, and
 !> weight is zero for voxels that take no part
-subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj, nk, nchannel, &
-   & nlevel, nregion, nblock, channels, weight, start, phi, energy, means, iterations, ended, &
+subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, ni, nj, nk, nchannel, &
+   & nlevel, nregion, channels, weight, start, phi, energy, means, iterations, ended, &
    & stat, message)
    use rk_error, only : error_type, pack_error
    use rk_levelset, only : evolve => evolve_level_sets, level_set_options
    implicit none
    !f2py threadsafe
-   integer, intent(in) :: limit, depth, ni, nj, nk, nchannel, nlevel, nregion, nblock
+   integer, intent(in) :: limit, ni, nj, nk, nchannel, nlevel, nregion
    double precision, intent(in) :: steering(4), mu(nlevel), lambda(nchannel, nregion)
-   double precision, intent(in) :: spacing(3), channels(ni, nj, nk, nchannel)
+   double precision, intent(in) :: spacing(2), channels(ni, nj, nk, nchannel)
    double precision, intent(in) :: weight(ni, nj, nk), start(ni, nj, nk, nlevel)
-   double precision, intent(out) :: phi(ni, nj, nk, nlevel), energy(limit + 1, nblock)
-   double precision, intent(out) :: means(nchannel, nregion, nblock)
-   integer, intent(out) :: iterations(nblock), ended(nblock), stat
+   double precision, intent(out) :: phi(ni, nj, nk, nlevel), energy(limit + 1, nk)
+   double precision, intent(out) :: means(nchannel, nregion, nk)
+   integer, intent(out) :: iterations(nk), ended(nk), stat
    character(len=2048), intent(out) :: message
    type(error_type), allocatable :: error
    type(level_set_options) :: options
@@ -27,6 +27,6 @@ subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, depth, ni, nj
    means = 0.0d0
    iterations = 0
    ended = 0
-   call evolve(options, depth, channels, weight, phi, energy, means, iterations, ended, error)
+   call evolve(options, channels, weight, phi, energy, means, iterations, ended, error)
    call pack_error(error, stat, message)
 end subroutine evolve_level_sets

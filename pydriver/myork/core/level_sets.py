@@ -14,7 +14,7 @@ def evolve_level_sets(
     weight: ArrayLike,
     start: ArrayLike,
     *,
-    spacing: tuple[float, float, float],
+    spacing: tuple[float, float],
     mu: ArrayLike,
     nu: float,
     epsilon: float,
@@ -22,26 +22,23 @@ def evolve_level_sets(
     tolerance: float,
     iterations: int,
     lambdas: ArrayLike,
-    volume: bool,
 ) -> dict[str, NDArray[Any]]:
-    """Evolve level sets by the scheme of Appendix A, energy (3.29).
+    """Evolve level sets slice by slice by the scheme of Appendix A, energy (3.29).
 
     - `channels`: values, shape `(ni, nj, nk, nchannel)` [-]
     - `weight`: weights of the voxels' misfit, zero for voxels that take no part (whatever values
       they hold), shape `(ni, nj, nk)` [-]
     - `start`: first level sets, shape `(ni, nj, nk, nlevel)` [-]
-    - `spacing`: voxel sizes along the three axes [-]
+    - `spacing`: voxel sizes along the first two axes [-]
     - `mu`: weights of the contours' lengths, shape `(nlevel,)`, or one for all [-]
     - `nu`, `epsilon`, `dt`, `tolerance`, `iterations`: weight of the area, width of the step (3.16)
       and largest time step, part of the voxels that may change their region in ten iterations at
       rest, and the largest number of iterations
     - `lambdas`: weights of the misfit of each channel in each region, shape `(nchannel, nregion)`;
       there are more than half of `2**nlevel` regions
-    - `volume`: whether the slices are one volume; else each is a problem of its own
     - returns `phi` like `start`; `energy` at the start and after each iteration, shape
-      `(iterations + 1, nblock)`; `means`, shape `(nchannel, nregion, nblock)`; `iterations` and
-      `ended` (0 limit, 1 regions at rest, 2 no step lowers the energy), shape `(nblock,)`. A block
-      is a slice or the volume.
+      `(iterations + 1, nk)`; `means`, shape `(nchannel, nregion, nk)`; `iterations` and `ended`
+      (0 limit, 1 regions at rest, 2 no step lowers the energy), shape `(nk,)`
     """
     values = np.asfortranarray(channels, dtype=float)
     part = np.asfortranarray(weight, dtype=float)
@@ -53,7 +50,6 @@ def evolve_level_sets(
         )
     if (part == 0).any() and not np.isfinite(values).all():
         values = np.asfortranarray(np.where(part[..., None] > 0, values, 0.0))
-    depth = part.shape[2] if volume else 1
     names = ("phi", "energy", "means", "iterations", "ended")
     found = called(
         _core.evolve_level_sets,
@@ -62,8 +58,6 @@ def evolve_level_sets(
         np.asarray(lambdas, float),
         spacing,
         iterations,
-        depth,
-        part.shape[2] // depth,
         values,
         part,
         first,

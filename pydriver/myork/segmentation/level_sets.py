@@ -100,7 +100,7 @@ def segment_regions(
         inside,
         region,
         first,
-        spacing=tuple((np.asarray(spacing) / np.min(spacing)).tolist()),
+        spacing=tuple((np.asarray(spacing) / np.min(spacing)).tolist()[:2]),
         mu=_contour_weights(choice.mu, choice.regions),
         nu=_NU,
         epsilon=_EPSILON,
@@ -108,7 +108,6 @@ def segment_regions(
         tolerance=choice.tolerance,
         iterations=choice.iterations,
         lambdas=np.broadcast_to(weights, (choice.regions, weights.size)).T,
-        volume=False,
     )
     found = np.where(region, regions_of(result["phi"], choice.regions), -1).astype(np.int32)
     done = result["iterations"]
