@@ -50,6 +50,8 @@ module rk_run
       logical, allocatable :: broken(:)
       !> Where the material lost its ellipticity, in words; not allocated where it did not
       character(len=:), allocatable :: lost
+      !> Points of output where it is lost in the last state, shape (nc)
+      logical, allocatable :: lost_last(:)
       !> Why the run ended early; not allocated where it did not
       character(len=:), allocatable :: ended
       !> The tangent in the peak is not positive definite: the body would leave that state
@@ -411,6 +413,7 @@ subroutine step(self, st, x)
    if (.not. allocated(self%outcome%broken)) &
       & allocate (self%outcome%broken(size(worst%broken)), source=.false.)
    self%outcome%broken(:) = self%outcome%broken .or. worst%broken
+   call move_alloc(worst%lost, self%outcome%lost_last)
    seen%min_acoustic = worst%value
    seen%acoustic_point = worst%point
    ! J is that of the F that is written, also where a form integrates elsewhere

@@ -417,13 +417,18 @@ subroutine judge_lost(self, problem, outcome)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(in) :: outcome
    type(ellipticity_type) :: worst
+   logical, allocatable :: lost(:)
    character(len=:), allocatable :: found
 
-   call find_ellipticity(problem, outcome%peak, worst)
-   call get_extent(problem, worst%lost, found)
+   lost = outcome%lost_last
+   if (outcome%judged < size(outcome%load)) then
+      call find_ellipticity(problem, outcome%peak, worst)
+      lost = worst%lost
+   end if
+   call get_extent(problem, lost, found)
    found = outcome%lost//found
    ! what was lost on the way may have led to another branch
-   if (matters(problem, worst%lost) .or. .not. any(worst%lost)) then
+   if (matters(problem, lost) .or. .not. any(lost)) then
       call self%object(doubtful, found//': the solution is not unique; reduce activation or ' &
          & //'load, let an end move, or stiffen the matrix; more points do not help')
    else
