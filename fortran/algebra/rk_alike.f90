@@ -1,5 +1,5 @@
-!> Rows of numbers that are alike: of stencils on a lattice most differ by rounding only, and kept
-!> once they stay in the cache.
+!> Find equal rows of numbers: on a lattice most stencils differ only by rounding, and if each is
+!> stored once they stay in the cache.
 module rk_alike
    use rk_csr, only : csr_type, group_by
    use rk_precision, only : i8, wp
@@ -8,18 +8,18 @@ module rk_alike
 
    public :: find_alike
 
-   !> Difference of numbers that are equal but for rounding, of the largest of the row [-]
+   !> Tolerance for numbers that are equal up to rounding, relative to the largest of the row [-]
    real(wp), parameter :: equal = 1.0e-11_wp
 
 contains
 
-!> Find the first row that is like each one, which is itself where none is
+!> For each row, find the first row that is equal to it (itself if there is none before it)
 pure subroutine find_alike(first, number, value, same)
    !> Row i has the numbers value(first(i)+1 : first(i)+number(i)), shape (rows) each
    integer(i8), intent(in) :: first(:), number(:)
    !> Numbers
    real(wp), intent(in) :: value(*)
-   !> First row that is like each one, shape (rows)
+   !> First row that is equal to each one, shape (rows)
    integer, allocatable, intent(out) :: same(:)
    type(csr_type) :: places
    integer, allocatable :: bucket(:)
@@ -29,7 +29,7 @@ pure subroutine find_alike(first, number, value, same)
    integer :: i
 
    allocate (key(size(first)), same(size(first)))
-   ! equal rows have equal sums, with any factors, but for rounding
+   ! equal rows have equal weighted sums up to rounding, whatever the weights
    weight = [(modulo(0.618_wp*k, 1.0_wp), k=1, maxval([0_i8, number]))]
    do i = 1, size(first)
       key(i) = 0.0_wp
@@ -54,7 +54,7 @@ pure subroutine find_alike(first, number, value, same)
    end do
 end subroutine find_alike
 
-!> Whether two rows are equal but for rounding
+!> Whether two rows are equal up to rounding
 pure logical function near(n, x, y)
    !> Numbers of each
    integer, intent(in) :: n

@@ -11,14 +11,14 @@ module rk_cgls
 
    public :: refine
 
-   !> Backward error where refinement stops: a rounding
+   !> Backward error at which refinement stops: unit roundoff
    real(wp), parameter :: goal = 1.0e-16_wp
-   !> Iterations without halving the gradient before refinement has reached what rounding allows
+   !> Iterations without halving the gradient after which refinement has reached the rounding level
    integer, parameter :: patience = 2
 
 contains
 
-!> Improve a solution until rounding stops it
+!> Refine a solution to the rounding level
 subroutine refine(op, b, factor, limit, x, iterations)
    class(row_operator), intent(in) :: op
    !> Right hand side, shape (m)
@@ -34,7 +34,7 @@ subroutine refine(op, b, factor, limit, x, iterations)
    integer :: last_gain
 
    allocate (residual(op%m), q(op%m), g(op%n), p(op%n), z(op%n))
-   ! Frobenius norm of the matrix with columns of length one
+   ! Frobenius norm of the matrix with columns of unit length
    matrix_norm = sqrt(real(op%n, wp))
    call op%apply(x, q)
    residual = b - q

@@ -7,7 +7,7 @@ module rk_csr
 
    public :: csr_type, envelope_order, group_by, joined, lengthened, sort
 
-   !> Lists of numbers, one a row
+   !> Lists of numbers, one per row
    type :: csr_type
       !> Row i is index(offset(i)+1 : offset(i+1)), shape (rows + 1)
       integer(i8), allocatable :: offset(:)
@@ -19,14 +19,14 @@ module rk_csr
 
 contains
 
-!> Rows in which each number stands, ascending
+!> For each number, the rows that contain it, ascending
 pure subroutine transposed(self, n, other, entry)
    class(csr_type), intent(in) :: self
    !> Numbers run from 1 to n
    integer, intent(in) :: n
-   !> Row j has the rows that hold number j
+   !> Row j lists the rows that contain number j
    type(csr_type), intent(out) :: other
-   !> Where each entry of the transposed stands in the original, shape (entries)
+   !> Place of each entry of the transpose in the original, shape (entries)
    integer(i8), allocatable, intent(out), optional :: entry(:)
    integer(i8), allocatable :: at(:)
    integer(i8) :: k
@@ -47,7 +47,7 @@ pure subroutine transposed(self, n, other, entry)
    end do
 end subroutine transposed
 
-!> Rows of two lists, one behind the other
+!> Rows of one list followed by the rows of another
 pure function joined(first, second) result(both)
    !> Lists
    type(csr_type), intent(in) :: first, second
@@ -57,9 +57,9 @@ pure function joined(first, second) result(both)
       & [first%index, second%index])
 end function joined
 
-!> Rows of one list, each with that of another behind it
+!> Rows of one list, each extended by the same row of another list
 pure function lengthened(first, second) result(both)
-   !> Lists, with as many rows
+   !> Lists with the same number of rows
    type(csr_type), intent(in) :: first, second
    type(csr_type) :: both
    integer :: i
@@ -73,13 +73,13 @@ pure function lengthened(first, second) result(both)
    end do
 end function lengthened
 
-!> Places of each number in a list, ascending
+!> Places at which each number occurs in a list, ascending
 pure subroutine group_by(n, number, places)
    !> Numbers run from 1 to n; others are left out
    integer, intent(in) :: n
    !> List
    integer, intent(in) :: number(:)
-   !> Row i has the places of number i
+   !> Row i has the places at which number i occurs
    type(csr_type), intent(out) :: places
    integer(i8), allocatable :: at(:)
    integer :: i
@@ -94,11 +94,11 @@ pure subroutine group_by(n, number, places)
    end do
 end subroutine group_by
 
-!> Where the entries of each number begin when they are put in order
+!> Offset of the entries of each number when they are sorted
 pure subroutine count_numbers(n, number, offset)
    integer, intent(in) :: n
    integer, intent(in) :: number(:)
-   !> Entries of smaller numbers, and at the end of all, shape (n + 1)
+   !> Number of entries with smaller numbers; the last one is the total, shape (n + 1)
    integer(i8), allocatable, intent(out) :: offset(:)
    integer(i8) :: k
    integer :: i
@@ -113,17 +113,17 @@ pure subroutine count_numbers(n, number, offset)
    end do
 end subroutine count_numbers
 
-!> Elimination order of points along the axis for which the matrix in which all points of a list
-!> meet has the smallest envelope: the least sum of a power of the lengths of its columns
+!> Elimination order of points along the axis that gives the smallest envelope of the matrix in
+!> which all points of a list are coupled: the least sum of a power of the column lengths
 subroutine envelope_order(list, x, n, power, place, reach, least)
-   !> Points that meet
+   !> Lists of coupled points
    type(csr_type), intent(in) :: list
-   !> Where the first points are, shape (nd, located); those behind them are the last ones [length]
+   !> Positions of the first points, shape (nd, located); the other points come last [length]
    real(wp), intent(in) :: x(:, :)
-   !> Points
+   !> Number of points
    integer, intent(in) :: n
    integer, intent(in) :: power
-   !> Place of each point in the order, and the first place of those that meet it, shape (n) each
+   !> Place of each point in the order, and first place coupled with it, shape (n) each
    integer, allocatable, intent(out) :: place(:), reach(:)
    !> The sum
    real(wp), intent(out) :: least

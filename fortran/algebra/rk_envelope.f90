@@ -1,10 +1,10 @@
 !> Symmetric positive definite matrices stored by block columns between their first entry and the
 !> diagonal, and their Cholesky factors.
 !>
-!> The Cholesky factor of a matrix fills nothing above the first entry of a column, so unknowns
-!> ordered along the body keep memory and work to n b and n b^2, b the reach of an unknown. Block
-!> columns make every operation one of matrices; a block belongs to one thread, so that the result
-!> does not depend on the number of threads.
+!> The Cholesky factor of a matrix has no fill-in above the first entry of a column. With unknowns
+!> ordered along the body, memory grows as n b and work as n b^2, where b is the bandwidth. With
+!> block columns every operation is one of matrices. Each block belongs to one thread, so that the
+!> result does not depend on the number of threads.
 !>
 !> Reference: George, Liu, Computer Solution of Large Sparse Positive Definite Systems,
 !>            Prentice-Hall (1981), chapter 4

@@ -1,4 +1,4 @@
-!> What the solvers may know of a factor.
+!> Interface of a factor for the solvers.
 module rk_factor
    use rk_precision, only : wp
    implicit none
@@ -6,11 +6,11 @@ module rk_factor
 
    public :: factor_type
 
-   !> Something that solves equations with (A D)^T (A D), D the inverse column norms
+   !> A factor that solves equations with (A D)^T (A D), where D holds the inverse column norms
    type, abstract :: factor_type
       !> Column norms of A, shape (n)
       real(wp), allocatable :: scale(:)
-      !> A has fewer independent columns than unknowns: there is nothing to solve with
+      !> A has fewer independent columns than unknowns: the factor cannot be used to solve
       logical :: singular = .false.
    contains
       !> Solve in place

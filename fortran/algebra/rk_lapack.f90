@@ -1,4 +1,4 @@
-!> What the other modules need of LAPACK and BLAS, on whole arrays.
+!> Wrappers of the LAPACK and BLAS routines used by the other modules, for whole arrays.
 !>
 !> Reference: Anderson et al., LAPACK Users' Guide, 3rd ed., SIAM (1999),
 !>            doi:10.1137/1.9780898719604
@@ -98,7 +98,7 @@ subroutine solve_qr(a, b, error)
       & //to_text(m)//' x '//to_text(n)//' is rank deficient, column '//to_text(info))
 end subroutine solve_qr
 
-!> Smallest least squares solutions by rank revealing QR (DGELSY)
+!> Minimum-norm least squares solutions by rank revealing QR (DGELSY)
 subroutine solve_pivoted_qr(a, b, pivot, rank, error)
    !> Matrix, destroyed, shape (m, n), m >= n
    real(wp), contiguous, intent(inout) :: a(:, :)
@@ -106,7 +106,7 @@ subroutine solve_pivoted_qr(a, b, pivot, rank, error)
    real(wp), contiguous, intent(inout) :: b(:, :)
    !> Column order of the factor in the leading triangle, shape (n)
    integer, intent(out) :: pivot(:)
-   !> Rank to a relative accuracy of n roundings
+   !> Numerical rank to a relative accuracy of n roundings
    integer, intent(out) :: rank
    !> Error handling: numbers that are not finite
    type(error_type), allocatable, intent(out) :: error

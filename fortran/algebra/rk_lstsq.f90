@@ -1,14 +1,14 @@
-!> Weighted least squares min |A x - b| by a ladder of methods that give the same answer.
+!> Weighted least squares min |A x - b| by a sequence of methods that give the same answer.
 !>
-!> `dgels` is the yardstick: Householder QR of the dense matrix, `dgelsy` its rank revealing form,
-!> which names what is undetermined. `normal` factorises A^T A, accumulated without A; `refined`
-!> takes that factor as preconditioner of CGLS with products by A: the accuracy of QR at nearly the
-!> cost of Cholesky. `spqr` is sparse QR. An answer whose backward error is not at the level of QR
-!> is not accepted: the next rung is tried.
+!> `dgels` is the reference: Householder QR of the dense matrix; `dgelsy` is its rank revealing
+!> form, which names the undetermined unknowns. `normal` factorises A^T A, accumulated without A;
+!> `refined` uses that factor as preconditioner of CGLS with products by A: the accuracy of QR at
+!> nearly the cost of Cholesky. `spqr` is sparse QR. If the backward error of an answer is above the
+!> level of QR, the answer is rejected and the next method is tried.
 !>
 !> The backward error is the smallest of three upper bounds, relative to the Frobenius norm of the
 !> column-scaled matrix: |A^T r|/|r| and |r|/|x| (Stewart), and |P r|/|x| with P the projector on
-!> the range of A (Karlson, Walden), the one that counts where r is small but not rounding.
+!> the range of A (Karlson, Walden), which matters where r is small but not yet at rounding level.
 !>
 !> References: Bjorck, Numerical Methods for Least Squares Problems, SIAM (1996), 1.4.3,
 !>             doi:10.1137/1.9781611971484;
@@ -30,7 +30,7 @@ module rk_lstsq
 
    public :: row_operator, lstsq_report, solve_lstsq, solver_names
 
-   !> Methods by name
+   !> Names of the methods
    character(len=*), parameter :: solver_names(*) = [character(len=13) :: 'auto', 'dgels', &
       & 'dgelsy', 'normal', 'refined', 'spqr', 'sparse-normal']
 
@@ -44,30 +44,30 @@ module rk_lstsq
       procedure :: solve
    end type dense_factor
 
-   !> What a solve did. The backward error is an upper bound of the smallest relative change of A
-   !> that makes x exact, rcond the smallest singular value of the column-scaled matrix over its
+   !> Report of a solve. The backward error is an upper bound of the smallest relative change of A
+   !> that makes x exact; rcond is the smallest singular value of the column-scaled matrix over its
    !> Frobenius norm
    type, extends(square_report) :: lstsq_report
-      !> Distance |A (x - x*)| to the best fit x* over the residual: what the light rows see of the
-      !> errors where some rows are much heavier than others [-]
+      !> Distance |A (x - x*)| to the best fit x* over the residual: it shows the errors of the
+      !> light rows where some rows are much heavier than others [-]
       real(wp) :: misfit = 0.0_wp
-      !> At the level of QR
+      !> The backward error and the misfit are at the level of QR
       logical :: accepted = .false.
    end type lstsq_report
 
-   !> A solution is accepted below this backward error: what QR reaches, with room for the
+   !> A solution is accepted below this backward error: the level of QR, with a margin for the
    !> growth of rounding errors with the number of rows
    real(wp), parameter :: backward_limit = 1.0e-12_wp
-   !> With rows of very different weight a small backward error says nothing of the light ones. So
-   !> the distance to the best fit must be below this part of the residual,
+   !> With rows of very different weights a small backward error does not bound the errors of the
+   !> light ones. So the distance to the best fit must be below this part of the residual,
    real(wp), parameter :: misfit_limit = 1.0e-8_wp
-   !> or below this part of the terms of a row, roundings that QR makes too
+   !> or below this part of the terms of a row, a rounding error that QR makes too
    real(wp), parameter :: rounding_limit = 30*epsilon(1.0_wp)
-   !> Refinement iterations at most
+   !> Maximum number of refinement iterations
    integer, parameter :: max_refinement = 40
-   !> Operations below which dense QR is chosen: it takes milliseconds
+   !> Number of operations below which dense QR is chosen: it takes milliseconds
    real(wp), parameter :: small_work = 1.0e8_wp
-   !> Undetermined unknowns that are named
+   !> Maximum number of undetermined unknowns named in a message
    integer, parameter :: max_named = 4
 
 contains
@@ -126,13 +126,13 @@ subroutine solve_lstsq(op, b, method, x, report, error)
    end if
 end subroutine solve_lstsq
 
-!> QR where a method did not reach its level; the better of the two answers is kept
+!> Try QR where a method did not reach the level of QR; the better of the two answers is kept
 subroutine fall_back(op, b, x, report, error)
    class(row_operator), intent(in) :: op
    real(wp), contiguous, intent(in) :: b(:)
    real(wp), contiguous, intent(inout) :: x(:)
    type(lstsq_report), intent(inout) :: report
-   !> Error handling: of the first method, and what is left of it after the second
+   !> Error handling: error of the first method on entry, remaining error after the second on return
    type(error_type), allocatable, intent(inout) :: error
    type(lstsq_report) :: other
    type(error_type), allocatable :: failure
@@ -157,7 +157,7 @@ subroutine fall_back(op, b, x, report, error)
    if (allocated(failure)) then
       report%why = story//'; '//other%used//': '//failure%message
       if (.not. allocated(error)) return
-      ! QR knows better what is wrong, but not where memory was
+      ! QR gives the better diagnosis, except where it ran out of memory
       if (failure%code /= err_linalg) failure%message = report%why
       call move_alloc(failure, error)
    else
@@ -170,7 +170,7 @@ subroutine fall_back(op, b, x, report, error)
    end if
 end subroutine fall_back
 
-!> What a method reached
+!> Describe the quality that a method reached
 subroutine get_quality(report, text)
    type(lstsq_report), intent(in) :: report
    character(len=:), allocatable, intent(out) :: text
@@ -206,7 +206,7 @@ subroutine solve_dense(op, b, x, report, error)
       call judge(op, b, x, factor, report)
       return
    end if
-   ! name what is undetermined
+   ! name the undetermined unknowns
    deallocate (factor%a)
    other = report
    call solve_pivoted(op, b, x, other, error)
@@ -220,13 +220,13 @@ subroutine solve_dense(op, b, x, report, error)
    end if
 end subroutine solve_dense
 
-!> Dense matrix with columns of length one and heavy rows first, b in the same order
+!> Dense matrix with columns of unit length and heavy rows first, b in the same order
 subroutine write_dense(op, factor, b, error)
    class(row_operator), intent(in) :: op
    !> Its entries and column norms
    type(dense_factor), intent(inout) :: factor
    real(wp), contiguous, intent(inout) :: b(:)
-   !> Error handling: no memory, an empty column
+   !> Error handling: no memory, a zero column
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: order(:)
    real(wp), allocatable :: size_of(:)
@@ -255,7 +255,7 @@ subroutine write_dense(op, factor, b, error)
    b = b(order)
 end subroutine write_dense
 
-!> Order of rows by falling size, to a power of two
+!> Order rows by falling size, rounded to a power of two
 subroutine heavy_first(size_of, order)
    !> Largest entry of each row, shape (m)
    real(wp), intent(in) :: size_of(:)
@@ -270,12 +270,12 @@ subroutine heavy_first(size_of, order)
    call move_alloc(rows%index, order)
 end subroutine heavy_first
 
-!> Rank revealing QR: the smallest solution, and the names of what is undetermined
+!> Rank revealing QR: the minimum-norm solution, and the names of undetermined unknowns
 subroutine solve_pivoted(op, b, x, report, error)
    class(row_operator), intent(in) :: op
    real(wp), contiguous, intent(in) :: b(:)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done; where the rank is not full `why` names what is undetermined and `rcond` is 0
+   !> Report; if the rank is not full, `why` names the undetermined unknowns and `rcond` is 0
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(dense_factor) :: factor
@@ -283,7 +283,7 @@ subroutine solve_pivoted(op, b, x, report, error)
    character(len=:), allocatable :: names
    integer :: j, rank
 
-   ! what a solution loses of a vector that lies everywhere is in the null space
+   ! a vector with a part in every direction: the part that its solution lacks is in the null space
    allocate (y(op%m, 2), probe(op%n), image(op%m))
    probe = [(1.0_wp + modulo(0.6180339887498949_wp*j, 1.0_wp), j=1, op%n)]
    y(:, 1) = b
@@ -345,13 +345,13 @@ subroutine solve_spqr(op, b, x, report, error)
    if (.not. allocated(error)) call judge(op, b, x, factor, report)
 end subroutine solve_spqr
 
-!> Cholesky of the column-scaled normal matrix, then CGLS with it as preconditioner where that is
-!> wanted or needed
+!> Cholesky of the column-scaled normal matrix, then, if requested or needed, CGLS with it as
+!> preconditioner
 subroutine solve_normal(op, b, x, report, error)
    class(row_operator), intent(in) :: op
    real(wp), contiguous, intent(in) :: b(:)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was done; `used` says which method is meant
+   !> Report; on entry `used` selects the method
    type(lstsq_report), intent(inout) :: report
    type(error_type), allocatable, intent(out) :: error
    type(envelope_type) :: factor
@@ -392,7 +392,7 @@ subroutine solve(self, x)
    x(self%pivot) = y
 end subroutine solve
 
-!> Backward error of a solution in column-scaled variables, Frobenius norm of the matrix
+!> Backward error of a solution in column-scaled variables, relative to the Frobenius norm
 subroutine judge(op, b, x, factor, report)
    class(row_operator), intent(in) :: op
    real(wp), contiguous, intent(in) :: b(:)
@@ -430,7 +430,7 @@ subroutine judge(op, b, x, factor, report)
       & .or. distance <= rounding_limit*matrix_norm*length)
 end subroutine judge
 
-!> Whether something is undetermined, seen through a factor
+!> Check by means of a factor whether the equations leave an unknown undetermined
 subroutine check_rank(op, factor, rcond, error)
    class(row_operator), intent(in) :: op
    class(factor_type), intent(in) :: factor
@@ -443,14 +443,14 @@ subroutine check_rank(op, factor, rcond, error)
 
    call shortest(op, factor, v, rcond)
    rcond = rcond/sqrt(real(op%n, wp))
-   ! a comparison that a factor with zeros on its diagonal fails
+   ! written so that NaN, from a factor with zeros on its diagonal, fails the comparison
    if (rcond > op%n*epsilon(1.0_wp)) return
    call get_names(op, abs(v), names)
    call fatal_error(error, err_linalg, 'the equations do not determine '//names//' (rank below ' &
       & //to_text(op%n)//'): prescribe more displacements, or use more collocation points')
 end subroutine check_rank
 
-!> An unknown that no equation sees
+!> Check that every unknown appears in an equation
 subroutine check_columns(op, scale, error)
    class(row_operator), intent(in) :: op
    !> Column norms, shape (n)

@@ -35,7 +35,7 @@ subroutine apply_transposed(self, x, y)
    y = matmul(x, self%a)
 end subroutine apply_transposed
 
-!> A in compressed rows, all entries
+!> A in compressed rows, zeros included
 subroutine compressed(self, start, column, value)
    class(matrix_rows), intent(in) :: self
    integer(i8), allocatable, intent(out) :: start(:)
@@ -48,7 +48,7 @@ subroutine compressed(self, start, column, value)
    value = reshape(transpose(self%a), [self%m*self%n])
 end subroutine compressed
 
-!> Solve (A + shift |D|) x = b of a small square matrix that need not be symmetric
+!> Solve (A + shift |D|) x = b with a small square matrix that need not be symmetric
 recursive subroutine solve_square(self, shift, b, x, report, error)
    class(matrix_rows), target, intent(inout) :: self
    real(wp), intent(in) :: shift

@@ -10,7 +10,7 @@ module rk_minres
 
    public :: symmetric_system, minres
 
-   !> A symmetric matrix and its preconditioner, known by what they do
+   !> A symmetric matrix and its preconditioner, given by their products
    type, abstract :: symmetric_system
       !> Unknowns
       integer :: size = 0
@@ -21,10 +21,10 @@ module rk_minres
       procedure(product_interface), deferred :: precondition
    end type symmetric_system
 
-   !> Entries of a block of a sum
+   !> Number of entries summed in one block
    integer, parameter :: block = 2048
-   !> Iterations before the number needed is predicted from their rate, and the part of the
-   !> required rate that is certainly too slow [-]
+   !> Iterations after which the number needed is predicted from the convergence rate, and the
+   !> fraction of the required rate that is certainly too slow [-]
    integer, parameter :: seen = 3
    real(wp), parameter :: sure = 0.7_wp
 
@@ -45,18 +45,18 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
    class(symmetric_system), intent(in) :: system
    !> Right hand side, shape (size)
    real(wp), contiguous, intent(in) :: b(:)
-   !> Residual wanted, of that of x = 0, in the norm of P^-1 [-]
+   !> Required residual relative to that of x = 0, in the norm of P^-1 [-]
    real(wp), intent(in) :: tolerance
    integer, intent(in) :: limit
    !> Solution, shape (size)
    real(wp), contiguous, intent(inout) :: x(:)
    integer, intent(out) :: iterations
-   !> Residual reached [-]
+   !> Relative residual reached [-]
    real(wp), intent(out) :: reached
-   !> Tridiagonal matrix of the iteration, whose eigenvalues are like those of P^-1 A: its diagonal
-   !> and what stands beside it, shape (2, limit)
+   !> Tridiagonal Lanczos matrix, whose eigenvalues approximate those of P^-1 A: its diagonal and
+   !> its off-diagonal, shape (2, limit)
    real(wp), intent(inout), optional :: lanczos(:, :)
-   !> Iterations in which the tolerance should be reached: it stops where it is clearly slower
+   !> Number of iterations that may be spent to reach the tolerance: stops early if clearly slower
    integer, intent(in), optional :: pace
    real(wp), allocatable :: v(:), v_old(:), w(:), w_old(:), z(:), image(:)
    real(wp) :: gamma, gamma_old, delta, eta, first, c, c_old, s, s_old, a0, a1, a2, a3
@@ -73,7 +73,7 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
    w_old = 0.0_wp
    call system%precondition(v, z)
    gamma = sqrt(max(product_of(z, v), 0.0_wp))
-   ! also where the preconditioner makes no number of it
+   ! also where the preconditioner gives NaN
    if (any(abs(b) > 0.0_wp)) reached = 1.0_wp
    gamma_old = 1.0_wp
    first = gamma
@@ -94,7 +94,7 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
       a2 = s*delta + c_old*c*gamma
       a3 = s_old*gamma
       a0 = c*delta - c_old*s*gamma
-      ! the next ones stand in the place of the old ones
+      ! the new vectors overwrite the old ones
       !$omp parallel do default(none) schedule(static) private(i) &
       !$omp shared(v, v_old, w, w_old, z, image, gamma, gamma_old, delta, a2, a3)
       do i = 1, size(z)
@@ -110,7 +110,7 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
       gamma = sqrt(max(gamma, 0.0_wp))
       if (present(lanczos)) lanczos(:, iterations) = [delta, gamma]
       a1 = hypot(a0, gamma)
-      ! an invariant subspace without the solution: the matrix is singular
+      ! the Krylov space is invariant and does not contain the solution: the matrix is singular
       if (.not. a1 > 0.0_wp) exit
       c_old = c
       s_old = s
@@ -133,7 +133,7 @@ subroutine minres(system, b, tolerance, limit, x, iterations, reached, lanczos, 
    iterations = min(iterations, limit)
 end subroutine minres
 
-!> x.y as the sum of those of blocks, which threads share: it does not depend on their number
+!> x.y summed block by block in parallel; the result does not depend on the number of threads
 real(wp) function product_of(x, y)
    !> Vectors, shape (size)
    real(wp), intent(in) :: x(:), y(:)

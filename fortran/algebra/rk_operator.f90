@@ -1,4 +1,4 @@
-!> What the least squares solvers may know of a matrix, and of a factor of it.
+!> Interface of a matrix for the least squares solvers, and of a factor of it.
 module rk_operator
    use rk_envelope, only : envelope_type, new_envelope
    use rk_error, only : error_type
@@ -11,7 +11,7 @@ module rk_operator
 
    public :: row_operator, square_operator, square_report, factor_type, shortest
 
-   !> A tall matrix known by what it does
+   !> A tall matrix given by its products
    type, abstract :: row_operator
       !> Rows
       integer :: m = 0
@@ -28,25 +28,25 @@ module rk_operator
       procedure :: get_name
    end type row_operator
 
-   !> What a solve reports
+   !> Report of a solve
    type :: square_report
       !> Method used, and why
       character(len=:), allocatable :: used, why
-      !> Iterations, also of a refinement; 0 of a direct solve
+      !> Number of iterations, including those of a refinement; 0 for a direct solve
       integer :: iterations = 0
-      !> |A x - b| over |A| |x| + |b|; of an iteration the preconditioned residual it reached [-]
+      !> |A x - b| over |A| |x| + |b|; if iterative, the preconditioned residual [-]
       real(wp) :: backward_error = 0.0_wp
-      !> Rough reciprocal condition, 0 where it is not known [-]
+      !> Estimate of the reciprocal condition number, 0 where it is not known [-]
       real(wp) :: rcond = 0.0_wp
-      !> Symmetric, and found not to be positive definite
+      !> The matrix is symmetric, and was found not to be positive definite
       logical :: indefinite = .false.
    end type square_report
 
-   !> A square matrix that solves its equations
+   !> A square matrix with a solver of its equations
    type, abstract, extends(row_operator) :: square_operator
-      !> Another start is at hand: a matrix that is costly to solve need not be
+      !> Another start is available, so that a matrix that is costly to solve may be given up
       logical :: impatient = .false.
-      !> The matrix is that of the last solve, whose factor is there
+      !> The matrix is that of the last solve, whose factor is available
       logical :: again = .false.
    contains
       !> Solve (A + shift |D|) x = b with a diagonal D like that of A
@@ -64,7 +64,7 @@ module rk_operator
          real(wp), contiguous, intent(in) :: b(:)
          !> Solution, shape (n)
          real(wp), contiguous, intent(inout) :: x(:)
-         !> What was used and how good it is
+         !> Method used and quality reached
          type(square_report), intent(out) :: report
          !> Error handling: singular matrix, no memory, no convergence
          type(error_type), allocatable, intent(out) :: error
@@ -93,12 +93,12 @@ module rk_operator
 
    !> Inverse iterations for the smallest singular value: each squares the ratio to the next one
    integer, parameter :: sweeps = 3
-   !> Fractional part of the golden ratio: its multiples are spread evenly
+   !> Fractional part of the golden ratio: its multiples modulo 1 are spread evenly
    real(wp), parameter :: golden = 0.6180339887498949_wp
 
 contains
 
-!> A itself
+!> A as a dense matrix
 subroutine dense(self, a)
    class(row_operator), intent(in) :: self
    !> Entries, shape (m, n)
@@ -146,20 +146,20 @@ subroutine get_name(self, j, text)
    text = 'unknown '//to_text(j)//' of '//to_text(self%n)
 end subroutine get_name
 
-!> Direction that the column-scaled matrix makes shortest, by inverse iteration, and what is left of
-!> its length. The length is taken with A itself: where the factor is singular to rounding it still
-!> shows whether A is.
+!> Direction that the column-scaled matrix shortens most, by inverse iteration, and the length of
+!> its image. The image is computed with A itself: where the factor is singular to rounding, it
+!> still shows whether A is.
 subroutine shortest(op, factor, v, length)
    class(row_operator), intent(in) :: op
    class(factor_type), intent(in) :: factor
    !> Direction in column-scaled variables, length one, shape (n)
    real(wp), contiguous, intent(inout) :: v(:)
-   !> |A D v|, close to and not below the smallest singular value
+   !> |A D v|, an upper bound close to the smallest singular value
    real(wp), intent(out) :: length
    real(wp) :: image(op%m)
    integer :: j, k
 
-   ! a start with a part in every direction
+   ! a start vector with a part in every direction
    v = [(0.5_wp + modulo(golden*j, 1.0_wp), j=1, op%n)]
    do k = 1, sweeps
       v = v/norm2(v)

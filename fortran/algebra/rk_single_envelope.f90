@@ -1,5 +1,5 @@
-!> Envelopes of half as many digits (rk_envelope), whose factors precondition an iteration: they
-!> take half the memory and time.
+!> Envelopes in single precision (rk_envelope), whose factors precondition an iteration: they take
+!> half the memory and time.
 module rk_single_envelope
    use rk_blas, only : gemm => sgemm, gemv => sgemv, potrf => spotrf, &
       & syrk => ssyrk, trsm => strsm, trsv => strsv

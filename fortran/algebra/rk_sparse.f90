@@ -14,9 +14,9 @@ module rk_sparse
 
    public :: sparse_factor, sparse_qr, solve_sparse
 
-   !> A factor held by SuiteSparse, with what factorisations of matrices with the same places of
-   !> entries have in common: the order of elimination and the places of the factor's entries. No
-   !> copies: each would give them back.
+   !> A factor stored by SuiteSparse, together with the data shared by all matrices with the same
+   !> sparsity pattern: the elimination order and the pattern of the factor. Do not copy it: each
+   !> copy would free the handle.
    type, extends(factor_type) :: sparse_factor
       type(c_ptr), private :: handle = c_null_ptr
    contains
@@ -95,9 +95,9 @@ subroutine sparse_qr(self, op, b, x, error)
    if (.not. allocated(error)) x = x/self%scale
 end subroutine sparse_qr
 
-!> Factorise a square matrix, and solve equations with it
+!> Factorise a square matrix, and solve equations with it if a right-hand side is given
 subroutine solve_sparse(kept, n, start, row, value, definite, error, b, x, rcond)
-   !> Factor, and what is left of those of matrices with the same places of entries
+   !> Factor, or data left from earlier factors of matrices with the same sparsity pattern
    type(sparse_factor), intent(inout) :: kept
    !> Unknowns
    integer, intent(in) :: n
@@ -108,7 +108,7 @@ subroutine solve_sparse(kept, n, start, row, value, definite, error, b, x, rcond
    !> Entries
    real(wp), contiguous, intent(in) :: value(:)
    !> The entries are the upper triangle of a symmetric, positive definite matrix (Cholesky);
-   !> otherwise they are all (LU), whose factor is not kept
+   !> otherwise they are the whole matrix (LU), and its factor is not kept
    logical, intent(in) :: definite
    !> Error handling: not positive definite, singular, no memory
    type(error_type), allocatable, intent(out) :: error
@@ -116,7 +116,7 @@ subroutine solve_sparse(kept, n, start, row, value, definite, error, b, x, rcond
    real(wp), contiguous, intent(in), optional :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout), optional :: x(:)
-   !> Rough reciprocal condition [-]
+   !> Estimate of the reciprocal condition number [-]
    real(wp), intent(out), optional :: rcond
    type(threads_type) :: threads
    real(wp) :: rough
@@ -130,9 +130,9 @@ subroutine solve_sparse(kept, n, start, row, value, definite, error, b, x, rcond
    call complain(stat, error)
 end subroutine solve_sparse
 
-!> What the shim's answer means
+!> Convert the return code of the shim to an error
 subroutine complain(stat, error)
-   !> Answer
+   !> Return code
    integer(c_int), intent(in) :: stat
    type(error_type), allocatable, intent(out) :: error
 
@@ -145,7 +145,7 @@ subroutine complain(stat, error)
    end select
 end subroutine complain
 
-!> Solve with a factor, of an upper triangle also for several vectors, one behind the other
+!> Solve with a factor; a Cholesky factor also takes several vectors, one behind the other
 subroutine solve(self, x)
    class(sparse_factor), intent(in) :: self
    real(wp), contiguous, intent(inout) :: x(:)
@@ -156,7 +156,7 @@ subroutine solve(self, x)
    call release_threads(kept)
 end subroutine solve
 
-!> Also of each factor of an array
+!> Elemental, so that every factor of an array is freed as well
 impure elemental subroutine free(self)
    type(sparse_factor), intent(inout) :: self
 

@@ -18,12 +18,12 @@ module rk_sparse_rows
       procedure :: product => product_with
    end type sparse_rows
 
-   !> Rows that are not worth a second thread
+   !> Number of rows up to which a second thread does not pay off
    integer, parameter :: few = 1000
 
 contains
 
-!> Take compressed rows without their zeros
+!> Copy compressed rows without their zeros
 subroutine new_sparse_rows(self, start, column, value)
    type(sparse_rows), intent(out) :: self
    !> Row i has entries start(i)+1 : start(i+1), shape (m + 1)
@@ -57,7 +57,7 @@ subroutine product_with(self, x, y, add)
    real(wp), contiguous, intent(in) :: x(:, :)
    !> Products, shape (k, rows)
    real(wp), contiguous, intent(inout) :: y(:, :)
-   !> Add to y what is there
+   !> Add the product to y
    logical, intent(in) :: add
    integer :: i, rows
 
@@ -65,7 +65,7 @@ subroutine product_with(self, x, y, add)
    !$omp parallel do default(none) schedule(static) if (rows > few) shared(rows, self, x, y, add)
    do i = 1, rows
       associate (first => self%place%offset(i) + 1, last => self%place%offset(i + 1))
-         ! a number that the compiler knows: rows of 7 entries take 1.2 to 1.6 times as long without
+         ! a size known to the compiler: rows of 7 entries take 1.2 to 1.6 times as long without
          if (size(x, 1) == 3) then
             call add_row(3, self%place%index(first:last), self%value(first:last), x, add, y(:, i))
          else

@@ -11,7 +11,7 @@ module rk_spectrum
 
    public :: spectral_radius, largest_eigenvalue
 
-   !> Vectors of the Lanczos iteration at most, and when it may end [-]
+   !> Maximum number of Lanczos vectors, and relative change at which the iteration stops [-]
    integer, parameter :: most_vectors = 150
    real(wp), parameter :: settled = 1.0e-8_wp
 
@@ -46,9 +46,9 @@ subroutine spectral_radius(a, radius, error)
       & //to_text(info))
 end subroutine spectral_radius
 
-!> Largest eigenvalue of A x = lambda M x, by Lanczos vectors that are orthogonal by M
+!> Largest eigenvalue of A x = lambda M x, by Lanczos vectors that are M-orthogonal
 subroutine largest_eigenvalue(matrix, a, m, value, error)
-   !> Places of the entries of both
+   !> Matrix with the sparsity pattern of both
    type(symmetric_matrix), intent(in) :: matrix
    !> Entries of A
    real(wp), contiguous, intent(in) :: a(:)
@@ -66,7 +66,7 @@ subroutine largest_eigenvalue(matrix, a, m, value, error)
 
    n = matrix%n
    allocate (v(n, most_vectors), w(n), image(n))
-   ! every mode has a part in a start that no symmetry of the points shares
+   ! a start vector without the symmetries of the points has a part in every mode
    v(:, 1) = [(1.0_wp + 0.5_wp*sin(12.9898_wp*i)*(-1)**i, i=1, n)]
    call matrix%product(m, v(:, 1), image)
    v(:, 1) = v(:, 1)/sqrt(dot_product(v(:, 1), image))
@@ -76,7 +76,7 @@ subroutine largest_eigenvalue(matrix, a, m, value, error)
       alpha(k) = dot_product(v(:, k), image)
       call matrix%solve_with(m, image, w, report, error)
       if (allocated(error)) return
-      ! twice is enough
+      ! orthogonalising twice is enough
       do i = 1, 2
          call matrix%product(m, w, image)
          w = w - matmul(v(:, :k), matmul(transpose(v(:, :k)), image))

@@ -1,9 +1,9 @@
 !> A sparse symmetric matrix made of small blocks, assembled from dense parts and solved directly:
-!> Cholesky where it is positive definite, LU otherwise, also where a skew part stands beside it.
+!> by Cholesky if it is positive definite, by LU otherwise and if a skew part is added to it.
 !>
-!> A factor of a large solid takes as long as dozens of solves with it. There it has half of the
-!> digits, in half of the memory and time, and minimal residuals find the rest: two iterations.
-!> Matrices that follow one another differ little: those with the last factor come first.
+!> Factorising a large solid takes as long as dozens of solves. Its factor is in single precision,
+!> in half of the memory and time, and minimal residuals recover the remaining digits in two
+!> iterations. Successive matrices differ little: the last factor is tried first.
 module rk_symmetric
    use rk_csr, only : csr_type, envelope_order, sort
    use rk_error, only : error_type, err_memory
@@ -17,28 +17,28 @@ module rk_symmetric
 
    public :: symmetric_matrix, new_symmetric
 
-   !> Factor of half as many digits, of the matrix between the roots of its diagonal
+   !> Factor in single precision, of the matrix scaled to a unit diagonal
    type :: near_factor
       type(envelope_type) :: matrix
-      !> Operations of a factorisation
+      !> Number of operations of a factorisation
       real(wp) :: operations = 0.0_wp
-      !> Solves with it that take as long
+      !> Number of solves with the factor that take as long as a factorisation
       real(wp) :: cost = 0.0_wp
-      !> Share of the diagonal that was added to the last one
+      !> Share of the diagonal that was added before the last factorisation
       real(wp) :: share = 0.0_wp
-      !> The last one is there; half of the digits, or the memory, do not suffice; a matrix was too
+      !> A factor is available; single precision, or the memory, does not suffice; a matrix was too
       !> far from a positive definite one for any factor
       logical :: ready = .false., coarse = .false., far = .false.
    end type near_factor
 
    !> Upper triangle in compressed columns. Unknowns come in blocks of the same size, and so do the
-   !> entries: a pair of blocks is there as a whole or not at all.
+   !> entries: the block of a coupled pair is stored in full.
    type, extends(square_operator) :: symmetric_matrix
       !> Unknowns in a block
       integer :: block = 1
-      !> Known not to be definite: no attempt at Cholesky
+      !> Known not to be definite: Cholesky is not tried
       logical :: indefinite = .false.
-      !> Of a linear problem: no later step mends what a solve leaves
+      !> Linear problem: no later iteration corrects the error that a solve leaves
       logical :: once = .false.
       !> Column j has entries start(j)+1 : start(j+1), shape (n + 1)
       integer(i8), allocatable :: start(:)
@@ -46,16 +46,16 @@ module rk_symmetric
       real(wp), allocatable :: value(:)
       !> Entries of a skew part in the same places, not allocated where there is none
       real(wp), allocatable :: skew(:)
-      !> Blocks of each column of blocks by their row, ascending, the diagonal one last
+      !> Row numbers of the blocks in each block column, ascending, the diagonal block last
       type(csr_type), private :: above
-      !> Place of each block of a solid in the order of elimination, and the first place of those
-      !> with which it is coupled, shape (blocks) each; not allocated where blocks are nowhere
+      !> Place of each block of a solid in the elimination order, and the first place coupled with
+      !> it, shape (blocks) each; not allocated if the blocks have no positions
       integer, allocatable, private :: place(:), reach(:)
-      !> Operations of a factorisation within that envelope, in those of a block [-]
+      !> Number of operations of a factorisation within that envelope, in block operations [-]
       real(wp), private :: work = 0.0_wp
-      !> What the factors have in common
+      !> Data shared by the factors
       type(sparse_factor), pointer, private :: kept => null()
-      !> Factor of half as many digits
+      !> Factor in single precision
       type(near_factor), pointer, private :: near => null()
    contains
       procedure :: apply, apply_transposed, compressed, solve_square, solve_with
@@ -63,7 +63,7 @@ module rk_symmetric
       final :: free
    end type symmetric_matrix
 
-   !> A matrix and the factor of another one in the same places
+   !> A matrix with the factor of a nearby one in the same sparsity pattern
    type, extends(symmetric_system) :: preconditioned_type
       type(symmetric_matrix), pointer :: places => null()
       real(wp), pointer, contiguous :: given(:) => null()
@@ -71,35 +71,34 @@ module rk_symmetric
       procedure :: multiply, precondition
    end type preconditioned_type
 
-   !> Operations from which the factor of a solid has half of the digits; in the plane it has few
-   !> operations, and slender bodies need all digits [-]
+   !> Number of operations from which the factor of a solid is in single precision; plane problems
+   !> need few operations, and slender bodies need double precision [-]
    real(wp), parameter :: large = 1.0e8_wp
-   !> Operations from which a matrix that is far from a positive definite one is not solved: LU
-   !> takes ten times as long and five times the memory, for a step that leads nowhere [-]
+   !> Number of operations from which a matrix that is far from a positive definite one is not
+   !> solved: LU takes ten times as long and five times the memory, for a useless Newton step [-]
    real(wp), parameter :: hopeless = 2.0e10_wp
-   !> Rate of its matrix products over that of an iteration with it, both in operations a second [-]
+   !> Rate of the factorisation over that of an iteration with it, both in operations a second [-]
    real(wp), parameter :: faster = 30.0_wp
-   !> Share of the iterations that it is worth in which those with the last one should end, and the
-   !> residual that iterations must reach: a step of Newton that is off by so much costs no further
-   !> one [-]
+   !> Iterations with the last factor should end within this share of the iterations that cost as
+   !> much as a new factor; and relative residual of the iterations: an error of this size in a
+   !> Newton step costs no further step [-]
    real(wp), parameter :: tried = 0.8_wp, exact = 1.0e-5_wp
-   !> Shares of the diagonal that are added to a matrix that is not positive definite, one after the
-   !> other
+   !> Shares of the diagonal that are added in turn to a matrix that is not positive definite
    real(wp), parameter :: added(3) = [1.0e-3_wp, 1.0e-2_wp, 1.0e-1_wp]
-   !> Share with which half of the digits show for sure that a matrix is not [-]
+   !> Share with which a failure in single precision rules out a positive definite matrix [-]
    real(wp), parameter :: surely = 1.0e-4_wp
-   !> Least size of a negative eigenvalue that is no rounding of half of the digits, and least
-   !> eigenvalue of a matrix that is surely positive definite, over those of a factor near it [-]
+   !> Least size of a negative eigenvalue that is not a rounding error of single precision, and
+   !> least eigenvalue of a matrix that is surely positive definite, relative to a nearby factor [-]
    real(wp), parameter :: seen = 1.0e-2_wp, clear = 0.1_wp
-   !> Iterations with the factor of the sum, of LU's time and memory a fraction; and with its own
+   !> Maximum number of iterations with a factor that has an added diagonal, and without one
    integer, parameter :: most = 100, few = 30
-   !> Solves of what the last one has left, and the share of the solution that they may leave [-]
+   !> Maximum number of refinement solves, and relative error of the solution that may remain [-]
    integer, parameter :: passes = 4
    real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
-!> Places of the entries: blocks of one group are all coupled. Values are zero.
+!> Set the sparsity pattern: all blocks of one group are coupled. Values are zero.
 subroutine new_symmetric(self, block, blocks, group, x)
    type(symmetric_matrix), intent(out) :: self
    !> Unknowns in a block
@@ -108,9 +107,9 @@ subroutine new_symmetric(self, block, blocks, group, x)
    integer, intent(in) :: blocks
    !> Blocks of each group, ascending
    type(csr_type), intent(in) :: group
-   !> Where the first blocks are, shape (nd, located) [length]
+   !> Positions of the first blocks, shape (nd, located) [length]
    real(wp), intent(in), optional :: x(:, :)
-   !> Groups of each block
+   !> Groups that contain each block
    type(csr_type) :: groups
    integer, allocatable :: mark(:)
    integer(i8) :: k, l
@@ -181,9 +180,9 @@ pure function rows(self) result(row)
    end do
 end function rows
 
-!> Add a dense part; of a the upper triangle counts
+!> Add a dense part, of which only the upper triangle is used
 subroutine add(self, value, member, a)
-   !> Places of the entries
+   !> Matrix with the sparsity pattern
    class(symmetric_matrix), intent(in) :: self
    !> Entries, shape (entries)
    real(wp), intent(inout) :: value(:)
@@ -203,7 +202,7 @@ subroutine add(self, value, member, a)
          do while (self%above%index(l) < member(i))
             l = l + 1
          end do
-         ! i to k stand side by side in both
+         ! entries i to k are contiguous in both
          do k = i, j - 1
             if (self%above%index(l + 1) /= member(k + 1)) exit
             l = l + 1
@@ -237,7 +236,7 @@ subroutine apply_transposed(self, x, y)
    call self%add_skew(-2.0_wp, x, y)
 end subroutine apply_transposed
 
-!> Add the product of the skew part, where there is one, with a vector
+!> Add the product of the skew part, if there is one, with a vector
 subroutine add_skew(self, sign, x, y)
    class(symmetric_matrix), intent(in) :: self
    !> 1, or -1 for its transpose
@@ -260,7 +259,7 @@ subroutine add_skew(self, sign, x, y)
    end do
 end subroutine add_skew
 
-!> Product of other entries in the same places with a vector
+!> Product of other entries in the same sparsity pattern with a vector
 subroutine product_with(self, value, x, y)
    class(symmetric_matrix), intent(in) :: self
    real(wp), contiguous, intent(in) :: value(:)
@@ -275,7 +274,7 @@ subroutine product_with(self, value, x, y)
       k = self%above%offset(j) + 1
       last = self%above%offset(j + 1)
       at = 0
-      ! blocks k to l stand side by side; reading their rows would take as long as their entries
+      ! blocks k to l are contiguous; reading their row numbers would take as long as their entries
       do while (k < last)
          l = k
          do while (l + 1 < last .and. self%above%index(l + 1) == self%above%index(l) + 1)
@@ -298,13 +297,13 @@ subroutine product_with(self, value, x, y)
    end do
 end subroutine product_with
 
-!> Some entries of a column above the diagonal, and of its row
+!> Products of some entries of a column above the diagonal, and of their transpose
 pure subroutine add_column(n, a, x, x_own, y, y_own)
    !> Entries
    integer, intent(in) :: n
-   !> Entries, vector in their rows and in that of the column
+   !> Entries of the vector in their rows and in that of the column
    real(wp), intent(in) :: a(n), x(n), x_own
-   !> Products there
+   !> Products in the same rows
    real(wp), intent(inout) :: y(n), y_own
    real(wp) :: sum
    integer :: k
@@ -328,8 +327,8 @@ subroutine compressed(self, start, column, value)
    call both_triangles(self, self%value, 1.0_wp, start, column, value)
 end subroutine compressed
 
-!> Other entries in the same places, both triangles in compressed rows; with the skew part, or its
-!> transpose, whose rows are the columns
+!> Other entries in the same sparsity pattern, both triangles in compressed rows; with the skew
+!> part, or with its transpose, whose rows are the columns
 subroutine both_triangles(self, given, sign, start, column, value)
    class(symmetric_matrix), intent(in) :: self
    !> Entries of the upper triangle, shape (entries)
@@ -350,11 +349,11 @@ subroutine both_triangles(self, given, sign, start, column, value)
    allocate (upper%offset, source=self%start)
    upper%index = int(self%rows()) + 1
    call upper%transposed(self%n, later, entry)
-   ! the diagonal is in both
+   ! both triangles contain the diagonal
    start = upper%offset + later%offset - [(int(j, i8), j=0, self%n)]
    allocate (column(start(self%n + 1)), value(start(self%n + 1)))
    do j = 1, self%n
-      ! by symmetry a row begins with the entries of its column; those of later columns follow
+      ! by symmetry a row begins with the entries of its own column; those of later columns follow
       at = start(j) + self%start(j + 1) - self%start(j)
       column(start(j) + 1:at) = upper%index(self%start(j) + 1:self%start(j + 1)) - 1
       value(start(j) + 1:at) = given(self%start(j) + 1:self%start(j + 1))
@@ -401,7 +400,7 @@ function shifted(self, shift) result(value)
    end do
 end function shifted
 
-!> Solve with other entries in the same places
+!> Solve with other entries in the same sparsity pattern
 subroutine solve_with(self, given, b, x, report, error)
    class(symmetric_matrix), target, intent(in) :: self
    real(wp), contiguous, target, intent(in) :: given(:)
@@ -409,9 +408,9 @@ subroutine solve_with(self, given, b, x, report, error)
    real(wp), contiguous, intent(in) :: b(:)
    !> Solution, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> What was used and how good it is
+   !> Method used and quality reached
    type(square_report), intent(out) :: report
-   !> Error handling: singular matrix, one far from a positive definite one, no memory
+   !> Error handling: singular matrix, matrix far from a positive definite one, no memory
    type(error_type), allocatable, intent(out) :: error
    integer(i8), allocatable :: start(:), column(:)
    real(wp), allocatable :: value(:), r(:)
@@ -448,7 +447,7 @@ subroutine solve_with(self, given, b, x, report, error)
          end if
       end if
       report%used = 'lu'
-      ! columns
+      ! compressed columns, as rows of the transpose
       call both_triangles(self, given, -1.0_wp, start, column, value)
       call solve_sparse(self%kept, self%n, start, column, value, .false., error, b, x, &
          & report%rcond)
@@ -461,8 +460,8 @@ subroutine solve_with(self, given, b, x, report, error)
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
 end subroutine solve_with
 
-!> Solve a large system by minimal residuals with a factor of half as many digits: the last one, or
-!> one of this matrix, if need be with a larger diagonal
+!> Solve a large system by minimal residuals with a single precision factor: the last one, or one of
+!> this matrix, if necessary with a larger diagonal
 subroutine solve_near(self, given, b, x, report, found)
    type(symmetric_matrix), target, intent(in) :: self
    real(wp), contiguous, target, intent(in) :: given(:)
@@ -471,8 +470,8 @@ subroutine solve_near(self, given, b, x, report, found)
    !> Solution where it was found, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    type(square_report), intent(inout) :: report
-   !> Whether it was found: not where the system is small, half of the digits do not suffice, or the
-   !> matrix is too far from a positive definite one
+   !> Whether a solution was found: false if the system is small, single precision does not suffice,
+   !> or the matrix is too far from a positive definite one
    logical, intent(out) :: found
    type(preconditioned_type) :: system
    logical :: close
@@ -505,11 +504,11 @@ subroutine solve_near(self, given, b, x, report, found)
             if (near%ready) exit
          end do
          if (near%ready) call refine(most)
-         ! not for want of digits
+         ! not merely for lack of digits
          near%far = .not. (found .or. close)
       end if
       if (found) return
-      ! of a solve among those that did not lead there
+      ! forget the report of the attempts that failed
       if (allocated(report%used)) deallocate (report%used)
       report%iterations = 0
       near%coarse = .true.
@@ -519,8 +518,8 @@ subroutine solve_near(self, given, b, x, report, found)
 
 contains
 
-   !> Solve for what earlier solves have left, until nothing is: residuals in the norm of the
-   !> preconditioner say little of motions that are softer than its digits or its larger diagonal
+   !> Repeat solves for the remaining residual until the solution settles: residuals in the norm of
+   !> the preconditioner hardly show motions that are softer than its digits or its added diagonal
    subroutine refine(limit)
       integer, intent(in) :: limit
       real(wp) :: left(self%n), step(self%n), image(self%n), lanczos(2, limit)
@@ -542,8 +541,8 @@ contains
          if (.not. close) exit
          x = x + step
          size_of_step = norm2(step)
-         ! what the next one would be, as this one to the last; a matrix that is surely not positive
-         ! definite is that of a step of Newton, which need not be better than the first
+         ! next correction predicted from the last two; a matrix that is surely not positive
+         ! definite belongs to a Newton step, which need not be more accurate than the first solve
          found = ((indefinite .or. self%near%share > added(1)) .and. .not. self%once) &
             & .or. (pass > 1 .and. size_of_step**2 <= same*norm2(x)*last)
          if (found .or. size_of_step > 0.5_wp*last) exit
@@ -569,10 +568,10 @@ contains
 
 end subroutine solve_near
 
-!> Whether a tridiagonal matrix has an eigenvalue below a bound: then the matrix that it
-!> approximates has one as well
+!> Whether a tridiagonal matrix has an eigenvalue below a bound: then so does the matrix that it
+!> approximates
 pure logical function has_below(lanczos, bound)
-   !> Diagonal and what stands beside it, shape (2, steps)
+   !> Diagonal and off-diagonal, shape (2, steps)
    real(wp), intent(in) :: lanczos(:, :)
    real(wp), intent(in) :: bound
    real(wp) :: pivot
@@ -588,8 +587,8 @@ pure logical function has_below(lanczos, bound)
    end do
 end function has_below
 
-!> Whether all eigenvalues are positive: of a large solid by its factor of half as many digits, or
-!> by that of a matrix before it, which makes of this one nearly the identity
+!> Whether all eigenvalues are positive: for a large solid by its single precision factor, or by
+!> that of an earlier matrix, with which this one is preconditioned to nearly the identity
 logical function definite(self)
    class(symmetric_matrix), target, intent(in) :: self
    type(error_type), allocatable :: error
@@ -603,7 +602,7 @@ logical function definite(self)
             system%size = self%n
             system%places => self
             system%given => self%value
-            ! of no symmetry that a mode could have
+            ! a vector without the symmetry of any mode
             b = [(sin(real(k, wp)**2), k=1, self%n)]
             call minres(system, b, exact, min(few, nint(tried*near%cost)), x, iterations, rcond, &
                & lanczos, pace=min(few, nint(tried*near%cost)))
@@ -621,7 +620,7 @@ logical function definite(self)
    definite = .not. allocated(error)
 end function definite
 
-!> Order of elimination and envelope of the factor of half as many digits
+!> Elimination order and envelope of the single precision factor
 subroutine lay_out(self)
    type(symmetric_matrix), intent(in) :: self
    type(error_type), allocatable :: error
@@ -644,11 +643,11 @@ subroutine lay_out(self)
    end associate
 end subroutine lay_out
 
-!> Factor of half as many digits
+!> Compute the factor in single precision
 subroutine factorise(self, given, share)
    type(symmetric_matrix), intent(in) :: self
    real(wp), intent(in) :: given(:)
-   !> Share of the diagonal that is added to it
+   !> Share of the diagonal that is added to the matrix
    real(wp), intent(in) :: share
    type(error_type), allocatable :: error
    real(wp) :: root(self%n)
@@ -708,7 +707,7 @@ subroutine precondition(self, x, y)
    end associate
 end subroutine precondition
 
-!> Solve the next equations by a factor of their own
+!> Drop the factor, so that the next equations are solved with a new one
 subroutine let_go(self)
    class(symmetric_matrix), intent(in) :: self
 

@@ -1,9 +1,9 @@
 /* Thin shim over SuiteSparse: sparse Cholesky (CHOLMOD) and sparse QR (SPQR).
  *
- * Matrices come in compressed form with 64-bit indices that start at 0; nothing of them is copied
- * where the library does not need to.
+ * * Matrices come in compressed form with 64-bit indices that start at 0; they are copied only
+ * where the library requires it.
  *
- * CHOLMOD's supernodal part and SPQR are under the GPL: a binary that links them is too.
+ * * CHOLMOD's supernodal part and SPQR are under the GPL, and so is a binary that links them.
  */
 #include <math.h>
 #include <stdint.h>
@@ -15,7 +15,7 @@
 
 enum { rk_done = 0, rk_singular = 1, rk_no_memory = 2 };
 
-/* A factor with everything its solves need */
+/* A factor with everything needed to solve with it */
 struct factor {
     cholmod_common common;
     int64_t n;
@@ -94,7 +94,7 @@ static int state(const cholmod_common *c)
     return c->status == CHOLMOD_OK ? rk_done : rk_singular;
 }
 
-/* Solve R x = y, which is lost */
+/* Solve R x = y; y is overwritten */
 static void solve_upper(const struct factor *f, double *y, double *x)
 {
     const SuiteSparse_long *p = f->r->p, *i = f->r->i;
@@ -108,8 +108,8 @@ static void solve_upper(const struct factor *f, double *y, double *x)
         x[f->order ? f->order[j] : j] = y[j];
 }
 
-/* Least squares solution with the R of a QR factorisation of an m x n matrix in compressed rows;
- * columns that add less than tol count as dependent */
+/* Least squares solution by QR factorisation of an m x n matrix in compressed rows, whose R is
+ * kept; columns below the tolerance count as dependent */
 int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *value, double *b,
                  double tol, double *x, struct factor **out)
 {
@@ -135,8 +135,8 @@ int rk_sparse_qr(int64_t m, int64_t n, int64_t *start, int64_t *column, double *
     return stat;
 }
 
-/* Solve with the matrix of a Cholesky factor for vectors of a length altogether, or for one of R^T R,
- * in place; without memory they are not numbers afterwards */
+/* Solve in place with a Cholesky factor, for vectors of this total length, or with R^T R for one
+ * vector; the result is NaN if memory runs out */
 void rk_sparse_solve(struct factor *f, int64_t length, double *x)
 {
     if (f->cholesky) {
@@ -159,9 +159,9 @@ void rk_sparse_solve(struct factor *f, int64_t length, double *x)
     solve_upper(f, y, x);
 }
 
-/* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of all. The
- * order of elimination and the place of a Cholesky factor are kept for further matrices of the
- * pattern. Without b and x a matrix is only factorised. */
+/* Solve with a square matrix in compressed columns: Cholesky of an upper triangle, or LU of the
+ * whole matrix. The elimination order and the memory of a Cholesky factor are kept for further
+ * matrices of the same pattern. Without b and x a matrix is only factorised. */
 int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int definite,
                      const double *b, double *x, double *rcond, struct factor **kept)
 {
@@ -184,7 +184,7 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
             rk_sparse_solve(f, n, x);
             stat = state(&f->common);
         } else if (stat != rk_done && f->cholesky) {
-            /* half a factor only takes the room that LU needs */
+            /* an unfinished factor only takes memory that LU needs */
             cholmod_l_change_factor(CHOLMOD_PATTERN, f->cholesky->is_ll, f->cholesky->is_super, 1,
                                     1, f->cholesky, &f->common);
         }
@@ -192,9 +192,9 @@ int rk_sparse_direct(int64_t n, int64_t *start, int64_t *row, double *value, int
     }
     double info[UMFPACK_INFO], control[UMFPACK_CONTROL];
     umfpack_dl_defaults(control);
-    /* the pattern is symmetric also where zeros on the diagonal hide it: columns alone would fill */
+    /* the pattern is symmetric even where zeros hide it; an ordering of columns would fill in */
     control[UMFPACK_STRATEGY] = UMFPACK_STRATEGY_SYMMETRIC;
-    /* minimum degree, and nested dissection where that fills much */
+    /* minimum degree, and nested dissection where that gives much fill-in */
     control[UMFPACK_ORDERING] = UMFPACK_ORDERING_CHOLMOD;
     void *numeric = NULL;
     long stat = UMFPACK_OK;

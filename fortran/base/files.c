@@ -1,7 +1,5 @@
-/* Text files whose failures are reported. Fortran's run-time library does not report what a full disk
- * says when it empties its buffer, so texts that must not be lost are written here.
- *
- * Every function returns NULL, or the reason of its failure, which holds until the next call.
+/* Text files whose write errors are reported. Fortran's run-time library does not report a full
+ * disk when it flushes its buffer, so texts that must not be lost are written here.
  */
 #define _GNU_SOURCE
 #include <errno.h>
@@ -13,9 +11,9 @@
 
 static const char *finish(int failed) { return failed ? strerror(errno) : NULL; }
 
-/* Open a name for output, new and empty or as it is. All output of the core is opened here. Whoever
- * can write to the folder may have put a link or a pipe there; what it leads to is not ours to write,
- * so such a name is refused. */
+/* Open a file for output, either new and empty or with its contents kept. All output of the core is
+ * opened here. Anyone who can write to the folder may have put a link or a pipe there; its target
+ * must not be written, so such a name is refused. */
 const char *rkf_output(const char *path, int keep, int *file)
 {
    static _Thread_local char why[120];
@@ -35,7 +33,7 @@ const char *rkf_output(const char *path, int keep, int *file)
    return finish(*file < 0);
 }
 
-/* The same for a library that opens names only */
+/* The same for a library that opens files only by name */
 const char *rkf_make(const char *path, int keep)
 {
    int number;
@@ -56,7 +54,7 @@ const char *rkf_create(const char *path, FILE **file)
    return why;
 }
 
-/* What was written is with the operating system when this returns */
+/* The text has been passed to the operating system when this returns */
 const char *rkf_write(FILE *file, const char *text, size_t length)
 {
    return finish(fwrite(text, 1, length, file) != length || fflush(file) != 0);

@@ -8,9 +8,9 @@
 
 enum { LONGEST = 40 };
 
-/* Text of a number, filled with blanks: with some significant digits, without zeros at the end; with
- * a power of ten and some digits behind the point; or, with 0 digits, as short as it can be read
- * back. Points are points, whatever language the program speaks that has loaded the core. */
+/* Text of a number, padded with blanks: with some significant digits, without trailing zeros; with
+ * a power of ten and some digits after the point; or, with 0 digits, the shortest that reads back
+ * the same. The decimal sign is a point in any locale of the calling program. */
 void rkf_number(double value, int digits, int power, char *text)
 {
    static locale_t plain;
@@ -23,7 +23,7 @@ void rkf_number(double value, int digits, int power, char *text)
    const double size = fabs(value);
    if (digits > 0 && !power && size >= 1.0 && size < 1e5) n = (int)fmax(n, 1.0 + floor(log10(size)));
    do {
-      /* infinity as decks have it: inf */
+      /* infinity as in decks: inf */
       snprintf(found, sizeof found, !isfinite(value) ? "%.*g" : power ? "%.*E" : "%.*G", n, value);
    } while (digits == 0 && !power && n++ < 17 && strtod(found, NULL) != value);
    uselocale(before);

@@ -1,7 +1,7 @@
-!> A JSON text, written piece by piece.
+!> A JSON text that is written piece by piece.
 !>
-!> Numbers keep all their digits in the shortest form that reads back the same; what JSON cannot
-!> say (NaN, infinity) becomes null.
+!> Numbers keep all their digits in the shortest form that reads back the same; values that JSON
+!> cannot represent (NaN, infinity) become null.
 !>
 !> References: 1. RFC 8259, The JavaScript Object Notation, doi:10.17487/RFC8259
 module rk_json
@@ -15,13 +15,13 @@ module rk_json
 
    public :: json_type
 
-   !> A text that grows; every begin has its end, in an object every item has a key
+   !> A growing text; every begin needs its end, and every item of an object needs a key
    type :: json_type
-      !> What was written so far, with room for more
+      !> Text written so far, with spare room
       character(len=:), allocatable, private :: buffer
-      !> Its length without that room
+      !> Its length without the spare room
       integer, private :: length = 0
-      !> Open objects and arrays
+      !> Depth of open objects and arrays
       integer, private :: depth = 0
       !> Is the next item the first of its object or array?
       logical, private :: first = .true.
@@ -98,7 +98,7 @@ subroutine end_list(self, bracket)
    self%first = .false.
 end subroutine end_list
 
-!> Value of an object
+!> Put a value into an object
 subroutine put_value(self, key, value)
    class(json_type), intent(inout) :: self
    character(len=*), intent(in) :: key
@@ -109,7 +109,7 @@ subroutine put_value(self, key, value)
    call append_literal(self, value)
 end subroutine put_value
 
-!> List of an object
+!> Put a list into an object
 subroutine put_list(self, key, value)
    class(json_type), intent(inout) :: self
    character(len=*), intent(in) :: key
@@ -127,22 +127,22 @@ subroutine put_list(self, key, value)
    call self%append(']')
 end subroutine put_list
 
-!> Item of an object whose value is JSON already
+!> Put an item whose value is already JSON into an object
 subroutine put_json(self, key, value)
    class(json_type), intent(inout) :: self
    character(len=*), intent(in) :: key
-   !> Value, a whole one
+   !> Complete value
    character(len=*), intent(in) :: value
 
    call self%item(key)
    call self%append(value)
 end subroutine put_json
 
-!> Lines of a text as a list of an object
+!> Put the lines of a text into an object, as a list
 subroutine put_lines(self, key, text)
    class(json_type), intent(inout) :: self
    character(len=*), intent(in) :: key
-   !> Lines, each with its line feed
+   !> Lines, each ending in a line feed
    character(len=*), intent(in) :: text
    integer :: first, length
 
@@ -175,10 +175,10 @@ subroutine append_literal(self, value)
    end select
 end subroutine append_literal
 
-!> Append to what was written; the room doubles, so that n pieces cost n
+!> Append to the text; the room doubles, so that n pieces cost O(n)
 subroutine append(self, piece)
    class(json_type), intent(inout) :: self
-   !> More of it
+   !> Text to append
    character(len=*), intent(in) :: piece
    character(len=:), allocatable :: larger
    integer :: needed
@@ -194,7 +194,7 @@ subroutine append(self, piece)
    self%length = needed
 end subroutine append
 
-!> What was written so far
+!> Text written so far
 pure function text_so_far(self) result(text)
    class(json_type), intent(in) :: self
    character(len=self%length) :: text
@@ -202,7 +202,7 @@ pure function text_so_far(self) result(text)
    if (self%length > 0) text = self%buffer(:self%length)
 end function text_so_far
 
-!> Write the text to a file, which is there completely or not at all
+!> Write the text to a file, which is either complete or does not exist
 subroutine save_json(self, path, error)
    class(json_type), intent(in) :: self
    character(len=*), intent(in) :: path

@@ -1,10 +1,10 @@
-!> Entries of a JSON file that a station wrote, word for word: what is not understood is not
-!> changed.
+!> Entries of a JSON file written by a station, kept verbatim: entries that are not understood are
+!> not changed.
 !>
-!> All stations write an object over several lines with one blank a level (rk_json, write_json of
-!> files.py), so that each entry of the object itself begins a line at the indentation of the first
-!> one, also behind entries that were taken over. Files are there whole or not at all
-!> (rk_text_file), so that nothing else of JSON is looked at.
+!> All stations write an object over several lines with one blank per level (rk_json, write_json of
+!> files.py), so that each entry of the outermost object begins a line with the indentation of the
+!> first one, even after entries copied from another file. Files are complete or absent
+!> (rk_text_file), so that no other JSON syntax is checked.
 module rk_json_entries
    use rk_text_file, only : load_text
    implicit none
@@ -14,9 +14,9 @@ module rk_json_entries
 
    !> An entry of an object
    type :: json_entry
-      !> Name, escapes as they stand in the text
+      !> Name, with its escapes kept
       character(len=:), allocatable :: key
-      !> Value as it stands in the text
+      !> Value, verbatim
       character(len=:), allocatable :: value
    end type json_entry
 
@@ -24,11 +24,11 @@ contains
 
 !> Read the entries of a file that holds one object
 subroutine read_entries(path, entries, damaged)
-   !> File; one that is not there has no entries
+   !> File; a missing one has no entries
    character(len=*), intent(in) :: path
-   !> Entries in their order, none of a damaged file
+   !> Entries in their order; none if the file is damaged
    type(json_entry), allocatable, intent(out) :: entries(:)
-   !> The file is there and is no object as stations write it
+   !> The file exists but is not an object as stations write it
    logical, intent(out) :: damaged
    character(len=*), parameter :: feed = new_line('a')
    character(len=:), allocatable :: text, begin
@@ -41,7 +41,7 @@ subroutine read_entries(path, entries, damaged)
    text = text(:len(text) - merge(1, 0, index(text, feed, back=.true.) == len(text)))
    damaged = text /= '{}'
    if (.not. damaged) return
-   ! entries stand between the feed behind the first bracket and the one before the last
+   ! entries lie between the line feed after the first bracket and the one before the last
    at = 2
    last = len(text) - 1
    if (index(text, '{'//feed) /= 1 .or. index(text, feed//'}', back=.true.) /= last) return
@@ -54,7 +54,7 @@ subroutine read_entries(path, entries, damaged)
       colon = at + colon - 1
       entries = [entries, json_entry(text(at + len(begin):colon - 1), &
          & text(colon + 3:next - merge(2, 1, next < last)))]
-      ! the first entry of an object inside that has the same indentation
+      ! the first entry of a nested object that has the same indentation
       if (len(entries(size(entries))%value) == 0) exit
       at = next
    end do

@@ -1,4 +1,4 @@
-!> Memory that is left on this machine.
+!> Memory available on this machine.
 module rk_memory
    use rk_precision, only : wp
    implicit none
@@ -8,7 +8,7 @@ module rk_memory
 
 contains
 
-!> Free memory as the system sees it; huge where it does not say [byte]
+!> Free memory reported by the system; huge where it reports none [byte]
 real(wp) function available_bytes()
    character(len=64) :: name, line
    integer :: unit, stat

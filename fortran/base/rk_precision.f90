@@ -8,9 +8,9 @@ module rk_precision
 
    !> Working precision
    integer, parameter :: wp = real64
-   !> Half of its digits, enough to precondition with
+   !> Single precision, enough for preconditioners
    integer, parameter :: sp = real32
-   !> Long integers: sizes that may pass 2**31, hash keys
+   !> Long integers: sizes that may exceed 2**31, hash keys
    integer, parameter :: i8 = int64
    !> Ratio of a circle's circumference to its diameter [-]
    real(wp), parameter :: pi = 3.141592653589793238462643383279502884_wp

@@ -17,7 +17,7 @@ pure subroutine sort(key, place)
    integer :: index(size(key)), buffer(size(key))
    integer :: width, low, middle, high, i, j, k
 
-   ! merge sort from the bottom
+   ! bottom-up merge sort
    index = [(i, i=1, size(key))]
    width = 1
    do while (width < size(key))
@@ -59,7 +59,7 @@ subroutine order_along(x, axis, place)
    real(wp) :: weight(size(x, 1))
    integer :: e
 
-   ! points of a layer are distinguished by their other coordinates
+   ! points of a layer are ordered by their other coordinates
    weight = [(merge(1.0_wp, 1.0e-5_wp**modulo(e - axis, size(x, 1)), e == axis), &
       & e=1, size(x, 1))]/max(maxval(x, dim=2) - minval(x, dim=2), tiny(1.0_wp))
    call sort(matmul(weight, x), place)

@@ -50,11 +50,11 @@ pure function integer_text(value) result(text)
    write (text, '(i0)') value
 end function integer_text
 
-!> A number as number.c writes it, padded with blanks
+!> Text of a number from number.c, padded with blanks
 pure function written(value, digits, power) result(text)
    real(wp), intent(in) :: value
-   !> Significant digits, behind the point with a power of ten (power = 1); 0 without one for the
-   !> shortest text that reads back the same number
+   !> Significant digits, or digits after the point with a power of ten (power = 1); 0 without a
+   !> power of ten for the shortest text that reads back the same number
    integer, intent(in) :: digits, power
    character(len=longest) :: text
 
@@ -91,7 +91,7 @@ end function digits_text
 !> Text of a real number with a power of ten
 pure function to_power(value, decimals) result(text)
    real(wp), intent(in) :: value
-   !> Digits behind the point
+   !> Digits after the point
    integer, intent(in) :: decimals
    character(len=len_trim(written(value, decimals, 1))) :: text
 

@@ -1,8 +1,8 @@
-!> Text files that are there whole or not at all.
+!> Text files that are either complete or absent.
 !>
 !> A file is written under the name `path.part` and takes its real name when it is published; until
-!> then an earlier file stays as it was. Every write reaches the operating system at once, and a
-!> full disk is an error.
+!> then an earlier file is left unchanged. Every write reaches the operating system at once, and a
+!> full disk is reported as an error.
 module rk_text_file
    use, intrinsic :: iso_c_binding, only : c_associated, c_char, c_int, c_null_char, &
       & c_null_ptr, c_ptr, c_size_t
@@ -68,7 +68,7 @@ end subroutine create
 
 !> Write a line
 subroutine line(self, text, error)
-   !> Open file; nothing is written to another one
+   !> Open file; nothing is written to any other
    class(text_file), intent(inout) :: self
    character(len=*), intent(in) :: text
    type(error_type), allocatable, intent(out) :: error
@@ -79,7 +79,7 @@ end subroutine line
 
 !> Close; the file keeps its temporary name
 subroutine close_file(self, error)
-   !> File; nothing happens to a closed one
+   !> File; a closed one is left as it is
    class(text_file), intent(inout) :: self
    type(error_type), allocatable, intent(out) :: error
 
@@ -96,7 +96,7 @@ subroutine publish(self, error)
    call move_file(self%path//'.part', self%path, error)
 end subroutine publish
 
-!> Give a file another name, in place of what has it
+!> Rename a file, replacing any file of that name
 subroutine move_file(from, to, error)
    character(len=*), intent(in) :: from, to
    type(error_type), allocatable, intent(out) :: error
@@ -116,7 +116,7 @@ subroutine drop_file(path)
    if (stat == 0) close (unit, status='delete', iostat=stat)
 end subroutine drop_file
 
-!> Write a text to a file, which is there completely or not at all
+!> Write a text to a file, which is either complete or does not exist
 subroutine save_text(path, text, error)
    character(len=*), intent(in) :: path
    !> Text, without the last line feed
@@ -133,10 +133,10 @@ subroutine save_text(path, text, error)
    if (.not. allocated(error)) call file%publish(error)
 end subroutine save_text
 
-!> Make a file that another unit will write to, in place of what has its name
+!> Create a file for another unit to write to, replacing any file of that name
 subroutine make_file(path, keep, error)
    character(len=*), intent(in) :: path
-   !> Keep the file that has the name
+   !> Keep an existing file of that name
    logical, intent(in) :: keep
    !> Error handling: the name is that of a link or a pipe, or cannot be written to
    type(error_type), allocatable, intent(out) :: error
@@ -146,7 +146,7 @@ subroutine make_file(path, keep, error)
    call check(file, rkf_make(path//c_null_char, merge(1_c_int, 0_c_int, keep)), error)
 end subroutine make_file
 
-!> Read a text file; one that is not there is empty
+!> Read a text file; a missing one is empty
 subroutine load_text(path, text)
    character(len=*), intent(in) :: path
    !> Its content
@@ -167,7 +167,7 @@ subroutine load_text(path, text)
    if (stat /= 0) text = ''
 end subroutine load_text
 
-!> Turn the answer of C into an error
+!> Convert the return value of C to an error
 subroutine check(self, why, error)
    class(text_file), intent(in) :: self
    !> Reason of a failure, null for success

@@ -9,22 +9,22 @@
 #endif
 #define INLINE static inline __attribute__((always_inline))
 
-/* Source points stand four by four side by side, with zeros up to a multiple of LINE; blocks of
-   3 x 3 x 3 moduli take MODULI numbers, with what the fours of the last of them read beyond */
+/* Source points are stored in fours, padded with zeros to a multiple of LINE; blocks of 3 x 3 x 3
+   moduli take MODULI numbers, including those that the last four reads beyond their end */
 enum { WIDE = 4, LINE = 8, MODULI = 32 };
 typedef double four __attribute__((vector_size(32), aligned(8)));
 
-/* What is known of the points; counts that the compiler knows are arguments beside it */
+/* Data of the points; counts known to the compiler are passed as separate arguments */
 typedef struct {
    int points, sources, padded; /* integration points, source points that they see, those padded */
-   const double *restrict s;    /* gradients, shape (padded, nd, points, kinds) */
+   const double *restrict s;    /* integration points, their source points, those padded */
    const double *restrict c;    /* moduli C(i, a, j, b), shape (MODULI of (i, a, j), nd, points) */
    double *restrict right;      /* room, shape (MODULI of (i, a, j), points) */
    const int *restrict to;      /* rows of the part before each source point's, ascending */
 } points_type;
 
-/* right(i, a, j) of each point = sum over b of C(i, a, j, b) S_j(l, b); where gradients differ, fours
-   of the next j overwrite what lies behind this one */
+/* right(i, a, j) of each point = sum over b of C(i, a, j, b) S_j(l, b); where gradients differ,
+   fours of the next j overwrite the end of this one */
 INLINE void contract(const int fields, const int nd, const int kinds, const points_type *p, int l)
 {
    const int length = kinds > 1 ? fields * nd : fields * fields * nd;
@@ -62,7 +62,7 @@ INLINE void scatter(const int fields, const four *sum, const int *to, int many, 
       mixed[0] = __builtin_shufflevector(sum[0], sum[1], 0, 4, 1, 5);
       mixed[1] = __builtin_shufflevector(sum[0], sum[1], 2, 6, 3, 7);
    }
-   /* neighbours on a lattice follow one another */
+   /* neighbours on a lattice are consecutive */
    if (many >= WIDE && to[WIDE - 1] - to[0] == fields * (WIDE - 1)) {
 #pragma GCC unroll 3
       for (int x = 0; x < fields; x++) *(four *)(column + to[0] + WIDE * x) += mixed[x];
@@ -74,7 +74,7 @@ INLINE void scatter(const int fields, const four *sum, const int *to, int many, 
       for (int i = 0; i < fields; i++) column[to[v] + i] += from[fields * v + i];
 }
 
-/* Blocks K(i, j) of all pairs k <= l; as many sums side by side as hide the time of one */
+/* Blocks K(i, j) of all pairs k <= l; enough independent sums to hide the latency of one */
 INLINE void add_pairs(const int fields, const int nd, const int kinds, const points_type *p, int rows,
                       double *restrict part)
 {
@@ -141,7 +141,7 @@ void rk_add_stiffness(int fields, int nd, int points, const int64_t *restrict st
    p.padded = (p.sources + LINE - 1) / LINE * LINE;
    for (int q = 0; q < points; q++)
       if (first[fields * q] != first[fields * q + fields - 1]) kinds = fields;
-   /* from the beginning of a line of the cache: fours that lie in two of them take twice as long */
+   /* aligned to a cache line: fours that lie in two lines take twice as long */
    double *next = (double *)(((uintptr_t)(room + members) + 63) / 64 * 64);
    p.s = next;
    for (long x = 0; x < (long)p.padded * nd * points * kinds; x++) next[x] = 0.0;
@@ -163,7 +163,7 @@ void rk_add_stiffness(int fields, int nd, int points, const int64_t *restrict st
       }
    p.right = next;
    const int rows = fields * members;
-   /* displacements have a component for each direction; other fields are one alone */
+   /* displacements have a component for each direction; other fields are scalars */
    if (fields == 3 && kinds == 1) add_pairs(3, 3, 1, &p, rows, part);
    else if (fields == 3) add_pairs(3, 3, 3, &p, rows, part);
    else if (fields == 2 && kinds == 1) add_pairs(2, 2, 1, &p, rows, part);
@@ -171,7 +171,7 @@ void rk_add_stiffness(int fields, int nd, int points, const int64_t *restrict st
    else add_pairs(1, nd, 1, &p, rows, part);
 }
 
-/* Numbers of room that the stiffness of `points` points of a group with `members` source points needs */
+/* Size of the work array for the stiffness of `points` points and `members` source points */
 int64_t rk_stiffness_room(int fields, int nd, int points, int members)
 {
    return members + LINE + (int64_t)points * (nd * fields * (members + LINE) + MODULI * (nd + 1)) + MODULI;

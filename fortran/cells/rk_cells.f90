@@ -1,12 +1,12 @@
-!> Where weak forms are integrated: points with weights in groups, and the surface.
+!> Integration of weak forms: points with weights in groups, and the surface.
 !>
 !> Gauss points lie in the cells between the source points of a lattice. Nodal cells belong to one
 !> source point each; their gradients are smoothed over the cell's facets, which neighbours share:
 !> the integral of a gradient over the body is then exactly the integral of values over the surface.
-!> Cells that the surface of the body cuts keep their gradients and weigh as much as is filled of
-!> them: constant gradients are still exact, and the energy is that of the body's volume. Gauss
-!> points get the mean gradient of their cell corrected to the same end. Points come in
-!> groups, within which the volume change is projected.
+!> Cells cut by the surface of the body keep their gradients and are weighted by their filled
+!> fraction: constant gradients are still exact, and the energy is that of the body's volume. At
+!> Gauss points the mean gradient of each cell is corrected to the same end. Points come in groups,
+!> within which the volume change is projected.
 !>
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
 !>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
@@ -21,30 +21,30 @@ module rk_cells
    type :: cells_type
       !> Gradients are smoothed over facets
       logical :: smoothed = .false.
-      !> The facets of each cell close around it to rounding
+      !> The facets of each cell close to rounding
       logical :: closed = .true.
-      !> Points of a cell, which follow each other
+      !> Number of points of a cell, which are stored consecutively
       integer :: per_cell = 1
       !> Points, those of a group together, shape (nd, np) [length]
       real(wp), allocatable :: point(:, :)
-      !> Source point of each nodal cell, shape (np), that of cells of several groups several times;
-      !> not allocated for Gauss points
+      !> Source point of each nodal cell, shape (np), repeated for a cell that belongs to several
+      !> groups; not allocated for Gauss points
       integer, allocatable :: node(:)
       !> Volume of each point, shape (np) [length^nd]
       real(wp), allocatable :: weight(:)
-      !> Volume of each point over that which its facets enclose, shape (np) [-]; not allocated
-      !> where they are the same
+      !> Volume of each point over the volume enclosed by its facets, shape (np) [-]; not allocated
+      !> where they are equal
       real(wp), allocatable :: filled(:)
       !> Group g has points first(g)+1 : first(g+1), shape (groups + 1)
       integer, allocatable :: first(:)
       !> Directions in which a group is too thin for a pressure that varies, shape (nd, groups); not
-      !> allocated where none is
+      !> allocated if there are none
       logical, allocatable :: thin(:, :)
       !> Points of facets between cells, shape (nd, facets) [length]
       real(wp), allocatable :: facet(:, :)
       !> Area times normal of each, shape (nd, facets) [length^(nd-1)]
       real(wp), allocatable :: area(:, :)
-      !> Cells on both sides, the normal points from the first to the second, shape (2, facets)
+      !> Cells on both sides; the normal points from the first to the second, shape (2, facets)
       integer, allocatable :: side(:, :)
       !> Points of the surface, shape (nd, ms) [length]
       real(wp), allocatable :: surface(:, :)
@@ -54,17 +54,17 @@ module rk_cells
       real(wp), allocatable :: part(:)
       !> Side of the body that each lies on, shape (ms)
       integer, allocatable :: set(:)
-      !> Boundary entry that each stands for, 0 for none, shape (ms); not allocated where surface
-      !> points are places of their own
+      !> Boundary entry represented by each, 0 for none, shape (ms); not allocated where surface
+      !> points have positions of their own
       integer, allocatable :: entry(:)
-      !> Whether each lies in a boundary set, shape (sets, ms); not allocated where it lies in that
-      !> of its side alone
+      !> Whether each lies in a boundary set, shape (sets, ms); not allocated where it lies only in
+      !> the set of its side
       logical, allocatable :: within(:, :)
       !> Values of surface point s lifted into the body reach points
       !> lift_point(lift_first(s)+1 : lift_first(s+1)), shape (ms + 1)
       integer, allocatable :: lift_first(:)
       integer, allocatable :: lift_point(:)
-      !> by these factors [1/length^nd]: the weights of the points reproduce polynomials at s
+      !> with these factors [1/length^nd], which with the points' weights reproduce polynomials at s
       real(wp), allocatable :: lift(:)
       !> Second moments of each nodal cell about its point, shape (nd, nd, np) [length^(nd+2)]
       real(wp), allocatable :: moment(:, :, :)

@@ -9,7 +9,7 @@ module rk_corners
 
    public :: corners_type, new_corners, has_corners
 
-   !> Relative difference of spacings that are equal [-]
+   !> Relative difference below which spacings count as equal [-]
    real(wp), parameter :: alike = 1.0e-6_wp
 
    !> Cells of a lattice and the source points at their corners

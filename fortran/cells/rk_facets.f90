@@ -8,7 +8,7 @@ module rk_facets
 
    public :: facets_type, close_cells
 
-   !> Points of facets, grown as they come
+   !> Points of facets; the arrays grow as points are added
    type :: facets_type
       integer :: n = 0
       !> Place, area times normal, cells on both sides (the second 0 on the surface), boundary set
@@ -37,7 +37,7 @@ subroutine add(self, x, area, cell, other, set, part, entry)
    integer, intent(in) :: cell, other
    !> Boundary set on the surface
    integer, intent(in) :: set
-   !> Area of the body behind the facet over its own, all if not given [-]
+   !> Area of the body behind the facet over its own; 1 if not given [-]
    real(wp), intent(in), optional :: part
    !> Boundary entry on the surface of a model
    integer, intent(in), optional :: entry
@@ -65,15 +65,15 @@ subroutine add(self, x, area, cell, other, set, part, entry)
    if (present(part)) self%part(self%n) = part
 end subroutine add
 
-!> Integration points from facets: volumes, centres and moments by the divergence theorem. A cell of
-!> several groups has a point in each, which stands for a share of it and of its facets
+!> Integration points from facets: volumes, centres and moments by the divergence theorem. A cell in
+!> several groups has a point in each, which represents a share of it and of its facets
 subroutine close_cells(self, cells, facets, group, filled)
    type(cells_type), intent(inout) :: self
    integer, intent(in) :: cells
    type(facets_type), intent(in) :: facets
    !> Groups of each cell, from 1; groups without cells are left out, shape (slots, cells)
    integer, intent(in) :: group(:, :)
-   !> Part of each cell's volume that counts, all if not allocated, shape (cells) [-]
+   !> Filled fraction of each cell's volume; 1 if not allocated, shape (cells) [-]
    real(wp), allocatable, intent(in) :: filled(:)
    type(csr_type) :: copies
    integer :: i, k, nd, side, ms, mf, d
@@ -173,13 +173,13 @@ contains
 
 end subroutine close_cells
 
-!> Points of all cells, those of a group together: one in each group of a cell
+!> Points of all cells, sorted by group: one for each group to which a cell belongs
 pure subroutine list_points(group, first, cell, share)
    !> Groups of each cell, from 1, shape (slots, cells)
    integer, intent(in) :: group(:, :)
    !> Group g has points first(g)+1 : first(g+1), groups without points left out
    integer, allocatable, intent(out) :: first(:)
-   !> Cell of each point, and the share of it that the point stands for [-]
+   !> Cell of each point, and the share of the cell that the point represents [-]
    integer, allocatable, intent(out) :: cell(:)
    real(wp), allocatable, intent(out) :: share(:)
    type(csr_type) :: members

@@ -1,20 +1,20 @@
 !> Gauss points in the cells between the source points of a lattice.
 !>
-!> Cells come in groups of two in each direction, within which the volume change is projected. Where
-!> their number is odd, one or three are left over. In space they are groups of their own in the
-!> middle, without a pressure that varies along their width: in groups of three cells volume goes
-!> from cell to cell almost for nothing (a rubber cube of 5^3 cells between plates, 30 % shorter: J
-!> from 0.08 to 4.0). In the plane one such group in the middle does no harm, but where groups in
-!> pairs would leave several, and of five cells, there is one cell in the middle. Functions of order
-!> 1 would lock with a pressure that varies across it. 3 x 3 are groups of their own as in space:
-!> one for all of them resists hardly any change of volume (a square held at a side and pressed on
-!> top: 38 % off, 1 % with nine).
+!> Cells come in groups of two in each direction, within which the volume change is projected. If
+!> their number is odd, one or three are left over. In space each of these forms a group in the
+!> middle, without a pressure that varies along its width: groups of three cells resist an exchange
+!> of volume between cells hardly at all (a rubber cube of 5^3 cells between plates, 30 % shorter: J
+!> from 0.08 to 4.0). In the plane one group of three in the middle does no harm, but where pairs
+!> would leave several such groups, and with five cells, there is one cell in the middle. Functions
+!> of order 1 would lock with a pressure that varies across it. 3 x 3 cells are separate groups as
+!> in space: one group for all of them hardly resists any change of volume (a square held at a side
+!> and pressed on top: 38 % off, 1 % with nine).
 !>
-!> Faces that the border of a named set cuts, or on which a traction jumps, have finer points that
-!> lie on one side of it each.
+!> Faces that are cut by the border of a named set, or on which a traction jumps, have finer points,
+!> each of which lies on one side of the border.
 !>
-!> Planes on which materials meet cut cells, and groups end there, so that each has one material.
-!> In the plane groups between them are two spacings wide or more, in space two and a half at most.
+!> Planes on which materials meet cut cells, and groups end there, so that each has one material. In
+!> the plane groups between them are at least two spacings wide, in space at most two and a half.
 module rk_gauss_cells
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
@@ -31,18 +31,18 @@ module rk_gauss_cells
 
    public :: gauss_cells
 
-   !> Cells between source points that make one group, in each direction
+   !> Number of cells between source points that form a group, in each direction
    integer, parameter :: group_size = 2
-   !> Most spacings across a group in space that ends at a plane
+   !> Maximum width in spacings of a group in space that ends at a plane
    real(wp), parameter :: widest = 2.5_wp
-   !> Groups that end at a plane and are thinner, in spacings, have no pressure that varies across
+   !> Groups that end at a plane and are thinner (in spacings) have no pressure varying across
    real(wp), parameter :: thinnest = 1.5_wp
-   !> Planes so near to corners of cells, in spacings, lie on them [-]
+   !> Planes closer than this to corners of cells, in spacings, are taken to lie on them [-]
    real(wp), parameter :: same_line = 1.0e-6_wp
-   !> Parts of a face in each direction where the border of a set cuts it, by space dimension
+   !> Subdivisions of a face in each direction where the border of a set cuts it, by space dimension
    integer, parameter :: parts(3) = [1, 64, 12]
-   !> Force on a face that its points may miss, of the largest of its component on any face: a jump
-   !> anywhere between them moves a part of it, smooth tractions are met to less [-]
+   !> Error allowed in the force on a face, relative to the largest of its component on any face: a
+   !> jump anywhere between the points exceeds it, the error for smooth tractions is smaller [-]
    real(wp), parameter :: of_traction = 0.01_wp
 
    !> A Gauss rule from -1 to 1: places and weights, shape (n)
@@ -52,17 +52,17 @@ module rk_gauss_cells
 
    !> Cells of a lattice
    type :: lattice_type
-      !> Space dimension, cells in each direction, 1 in those that are not there
+      !> Space dimension; cells in each direction, 1 in unused directions
       integer :: nd = 0
       integer :: cells(3) = 1
-      !> Radius and angle in the place of coordinates
+      !> Coordinates are radius and angle
       logical :: polar = .false.
       !> First corner and size of a cell
       real(wp) :: low(3) = 0.0_wp
       real(wp) :: step(3) = 0.0_wp
-      !> Places of the corners where their spacing varies
+      !> Coordinates of the corners where their spacing varies
       real(wp), allocatable :: line(:, :)
-      !> The same in spacings where planes cut cells, whole numbers at source points
+      !> The same in spacings where planes cut cells; whole numbers at source points
       real(wp), allocatable :: number(:, :)
    contains
       procedure :: place, face_points
@@ -90,7 +90,7 @@ subroutine gauss_cells(self, scene, error)
 
    cloud => scene%cloud
    count = scene%galerkin%gauss
-   ! tractions of functions of order p have the degree p - 1, which lifted values then reproduce
+   ! tractions of functions of order p have degree p - 1, which lifted values then reproduce
    degree = min(scene%approximation%order, count) - 1
    if (.not. allocated(cloud%lattice)) then
       call fatal_error(error, err_input, 'Gauss cells need the lattice of a box or an annulus, ' &
@@ -262,7 +262,7 @@ pure subroutine place(self, cell, xi, x, jacobian, map)
    real(wp), intent(in) :: xi(:)
    !> Place, shape (nd) [length]
    real(wp), intent(out) :: x(:)
-   !> Volume per that of the square from -1 to 1 [length^nd]
+   !> Volume per volume of the square from -1 to 1 [length^nd]
    real(wp), intent(out) :: jacobian
    !> Derivatives of the place by xi, orthogonal columns, zero beyond nd [length]
    real(wp), intent(out), optional :: map(3, 3)
@@ -331,15 +331,15 @@ pure subroutine face_points(self, cell, axis, end, rule, xi, x, area)
          call self%place(cell, xi(:, k), x(:, k), jacobian, map)
          ! columns of the map are orthogonal: the face's area is the product of the others' lengths
          area(:, k) = xi(axis, k)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
-         ! normals of an arc add up to its chord, so that the faces of a cell close around it
+         ! normals of an arc add up to that of its chord, so that the faces of a cell close
          if (self%polar .and. axis == 1) area(:, k) = area(:, k)*2.0_wp*sin(0.5_wp*turn) &
             & /sum(0.5_wp*turn*shares*cos(0.5_wp*turn*nodes))
       end do
    end associate
 end subroutine face_points
 
-!> Faces on the surface whose finer points do not all lie in the same sets, or whose own points miss
-!> the traction on it
+!> Find faces on the surface whose finer points do not all lie in the same sets, or whose regular
+!> points do not capture the traction
 subroutine find_cut(scene, lattice, rule, fine, cut, error)
    type(scene_type), intent(in) :: scene
    !> Its cells
@@ -403,7 +403,7 @@ contains
       end do
    end subroutine points_of
 
-   !> Faces on which the two rules differ
+   !> Mark faces on which the two rules differ
    subroutine compare_tractions()
       real(wp), allocatable :: exact(:, :), own(:, :)
 
@@ -420,7 +420,7 @@ contains
 
    !> Forces on the faces
    subroutine integrate(each, force)
-      !> Points of a face
+      !> Number of points of a face
       integer, intent(in) :: each
       !> Forces of all load factors at some times, shape (3 factors times, faces) [force]
       real(wp), allocatable, intent(out) :: force(:, :)
@@ -430,7 +430,7 @@ contains
       integer :: i, k
 
       time = [0.0_wp]
-      ! of no period in common
+      ! times without a common period
       if (allocated(scene%motion)) time = scene%motion%end_time &
          & *[0.0_wp, 0.13_wp, 0.31_wp, 0.57_wp, 0.83_wp, 1.0_wp]
       allocate (force(size(traction)*size(time), size(at, 2)/each), source=0.0_wp)
@@ -449,7 +449,7 @@ contains
 
 end subroutine find_cut
 
-!> Whether any traction is an expression of the place
+!> Whether any traction is an expression of position
 pure logical function any_varying(scene) result(any_)
    type(scene_type), intent(in) :: scene
    integer :: c, i
@@ -460,7 +460,7 @@ end function any_varying
 
 !> A rule on equal parts of the line from -1 to 1
 pure function composed(rule, parts) result(fine)
-   !> Rule on a part
+   !> Rule on one part
    type(rule_type), intent(in) :: rule
    integer, intent(in) :: parts
    type(rule_type) :: fine
@@ -521,18 +521,18 @@ contains
 
 end subroutine cut_lattice
 
-!> Groups of cells in one direction: equal ones between planes, symmetrical ones where there is no
-!> plane: a mirrored body is the same one
+!> Groups of cells in one direction: equal ones between planes, symmetric ones where there is no
+!> plane, so that a mirrored body gives mirrored groups
 subroutine arrange(self, d, whole, linear, groups, bound, axis, plane)
    type(lattice_type), intent(in) :: self
    !> Direction
    integer, intent(in) :: d
-   !> Cells that are left over make groups of their own: all of them, or one in the middle where
-   !> functions of order 1 would have more than one group of three
+   !> Left-over cells form groups of one: all of them, or one in the middle where functions of order
+   !> 1 would have more than one group of three
    logical, intent(in) :: whole, linear
-   !> Groups
+   !> Number of groups
    integer, intent(out) :: groups
-   !> First cell of each group, and the number of cells behind them, from 0
+   !> First cell of each group, from 0, and at the end the number of cells
    integer, intent(inout) :: bound(0:)
    !> Planes on which materials meet: the axis across each, and its place [length]
    integer, intent(in), optional :: axis(:)
@@ -568,8 +568,8 @@ subroutine arrange(self, d, whole, linear, groups, bound, axis, plane)
 
 contains
 
-   !> Groups between two planes, in an odd number of spacings an odd one: no line is nearer to one
-   !> end of them
+   !> Number of groups between two planes: odd for an odd number of spacings, since no line then
+   !> lies in the middle
    pure integer function parts_of(width) result(parts)
       !> Distance of the planes in spacings [-]
       real(wp), intent(in) :: width
@@ -592,7 +592,7 @@ contains
             ones = merge(mod(cells, 4), 1, whole)
             groups = ones + (cells - ones)/group_size
          else if (mod(cells, 2) == 1 .and. mod(groups, 2) == 0) then
-            ! an odd cell is in the middle group of an odd number of groups
+            ! the odd cell goes to the middle group of an odd number of groups
             groups = groups - 1
          end if
          pairs = (cells - ones)/4

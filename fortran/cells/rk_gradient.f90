@@ -1,10 +1,10 @@
-!> Gradients of the approximation at integration points, with essential values on the surface lifted
-!> into them.
+!> Gradients of the approximation at integration points, with prescribed values on the surface
+!> lifted into them.
 !>
 !> On the part of the surface where a component is prescribed, u - g is lifted into the body and
-!> taken off the gradient: F = 1 + grad u - L(u - g). With smoothed gradients this puts g in place
-!> of u in the integral over the facets. Constant stress then does no work in test functions,
-!> whatever their values on the surface: the essential values need no interpolation property, no
+!> subtracted from the gradient: F = 1 + grad u - L(u - g). With smoothed gradients this replaces u
+!> by g in the integral over the facets. A constant stress then does no work on test functions,
+!> whatever their values on the surface: the prescribed values require no interpolation property, no
 !> multipliers, and no large penalty.
 !>
 !> Reference: Bassi, Rebay, J. Comput. Phys. 131 (1997), doi:10.1006/jcph.1996.5572 (the lifting)
@@ -22,13 +22,13 @@ module rk_gradient
 
    public :: gradient_type, new_gradient
 
-   !> Gradient of each component of the fields at each point; fields are the displacement, or one
-   !> alone
+   !> Gradient of each component of the fields at each point; the fields are the displacement, or a
+   !> single scalar
    type :: gradient_type
       !> Space dimension, and components of the fields
       integer :: nd = 0
       integer :: fields = 0
-      !> Points of a cell, which follow one another
+      !> Number of points of a cell, which are stored consecutively
       integer :: per_cell = 1
       !> Point q has entries start(q)+1 : start(q+1), shape (np + 1)
       integer(i8), allocatable :: start(:)
@@ -36,28 +36,28 @@ module rk_gradient
       integer, allocatable :: local(:)
       !> Source points of each group, ascending
       type(csr_type) :: member
-      !> Component i of point q has its values at value(:, first(i, q)+1 : ), which other points may
-      !> have as well, shape (fields, np)
+      !> Component i of point q has its values at value(:, first(i, q)+1 : ), which may be shared
+      !> with other points, shape (fields, np)
       integer(i8), allocatable :: first(:, :)
       !> Gradients of the shape functions, shape (nd, :) [1/length]
       real(wp), allocatable :: value(:, :)
-      !> Part of the gradient that essential values make, for each load factor, shape (fields, nd,
-      !> np, factors), index (i, A) [-]
+      !> Part of the gradient due to prescribed values, for each load factor, shape (fields, nd, np,
+      !> factors), index (i, A) [-]
       real(wp), allocatable :: given(:, :, :, :)
-      !> Points where any is, shape (np)
+      !> Points that have such a part, shape (np)
       logical, allocatable :: lifts(:)
    contains
       procedure :: at => gradient_at
-      !> Part of it that essential values make
+      !> Part of the gradient due to prescribed values
       procedure :: lifted
-      !> Forces that a stress makes
+      !> Nodal forces of a stress
       procedure :: add_force
       procedure :: add_work
-      !> Stiffness that tangent moduli make
+      !> Stiffness of tangent moduli
       procedure :: add_stiffness
-      !> Set the essential values
+      !> Set the prescribed values
       procedure :: set_essential
-      !> Keep equal gradients once
+      !> Store equal gradients only once
       procedure :: share
    end type gradient_type
 
@@ -73,7 +73,7 @@ module rk_gradient
          real(c_double), intent(inout) :: room(*), part(*)
       end subroutine add_points
 
-      !> Numbers of room that it needs
+      !> Size of the work array that it needs
       pure function stiffness_room(fields, nd, points, members) result(room) &
          & bind(c, name='rk_stiffness_room')
          import :: c_int, c_int64_t
@@ -89,14 +89,13 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    type(gradient_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Source points, with blocks of unknowns behind them
+   !> Number of source points, plus the blocks of unknowns that follow them
    integer, intent(in) :: ns
    !> Shape functions at the points, the facets and the surface
    type(shape_type), target, intent(in) :: inside, facet, surface
    !> Components prescribed at each surface point, shape (fields, ms)
    logical, intent(in) :: essential(:, :)
-   !> Block whose unknown an essential component follows, 0 where it follows none, shape
-   !> (fields, ms)
+   !> Block whose unknown a prescribed component follows, 0 if none, shape (fields, ms)
    integer, intent(in) :: follows(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
@@ -127,7 +126,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    seen = .false.
    plain = 0.0_wp
    taken = 0.0_wp
-   ! only places are counted the first time
+   ! the first pass only counts entries
    do pass = 1, 2
       entries = 0
       values = 0
@@ -156,8 +155,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
 
 contains
 
-   !> What all points of a closed cell have: the mean by the divergence theorem over its facets and
-   !> surface in place of the mean by quadrature
+   !> Part common to all points of a closed cell: the mean gradient by the divergence theorem over
+   !> its facets and surface, in place of the mean by quadrature
    subroutine gather_cell()
       real(wp) :: volume, weight
       integer :: i, k, o
@@ -181,13 +180,13 @@ contains
       end do
    end subroutine gather_cell
 
-   !> Gradients at a point beside those of its cell, and what lifted values take off
+   !> Gradients at a point in addition to those of its cell, and the part subtracted by lifting
    subroutine gather_point()
       integer :: d, i
       integer(i8) :: e
 
       if (cells%smoothed) then
-         ! stabilisation couples all source points that cover the middle, facets may miss some
+         ! stabilisation couples all source points covering the centre; facets may miss some
          call gather(inside, q, [(0.0_wp, d=1, nd)])
       else if (pass == 2 .or. .not. cells%closed) then
          call gather_gradient(inside, q, 1.0_wp)
@@ -198,7 +197,7 @@ contains
       end do
    end subroutine gather_point
 
-   !> Keep what was gathered at a point, and forget it
+   !> Store the entries gathered at a point, and reset the work arrays
    subroutine keep()
       integer :: d, k
 
@@ -216,7 +215,7 @@ contains
       if (lifted) taken(:, :, touched(:n)) = 0.0_wp
    end subroutine keep
 
-   !> Note a source point
+   !> Register a source point
    subroutine touch(node)
       integer, intent(in) :: node
 
@@ -226,7 +225,7 @@ contains
       touched(n) = node
    end subroutine touch
 
-   !> Values at a place times a vector
+   !> Add the values at a position times a vector
    subroutine gather(shape, ip, vector)
       type(shape_type), target, intent(in) :: shape
       integer, intent(in) :: ip
@@ -240,7 +239,7 @@ contains
       end do
    end subroutine gather
 
-   !> Gradients at a place times a factor
+   !> Add the gradients at a position times a factor
    subroutine gather_gradient(shape, ip, factor)
       type(shape_type), target, intent(in) :: shape
       integer, intent(in) :: ip
@@ -254,7 +253,7 @@ contains
       end do
    end subroutine gather_gradient
 
-   !> What the lifting of a surface point takes off
+   !> Part subtracted by the lifting of a surface point
    subroutine gather_lift(ip, factor)
       integer, intent(in) :: ip
       real(wp), intent(in) :: factor
@@ -282,13 +281,13 @@ contains
 
 end subroutine new_gradient
 
-!> Source points of each group of cells, and the entries' places among them instead of their numbers
+!> Source points of each group of cells; replace the source points of entries by places among them
 subroutine find_members(self, cells, ns)
-   !> Gradients, whose entries are numbers of source points yet
+   !> Gradients, whose entries are still numbers of source points
    type(gradient_type), intent(inout) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
-   !> Source points, with blocks of unknowns behind them
+   !> Number of source points, plus the blocks of unknowns that follow them
    integer, intent(in) :: ns
    integer, allocatable :: touched(:)
    logical, allocatable :: seen(:)
@@ -332,14 +331,14 @@ subroutine find_members(self, cells, ns)
    end do
 end subroutine find_members
 
-!> Lift the essential values
+!> Lift the prescribed values
 subroutine set_essential(self, cells, essential, value)
    class(gradient_type), intent(inout) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
    !> Components prescribed at each surface point, shape (fields, ms)
    logical, intent(in) :: essential(:, :)
-   !> Their values that each load factor makes, shape (factors, fields, ms) [length]
+   !> Their values for each load factor, shape (factors, fields, ms) [length]
    real(wp), intent(in) :: value(:, :, :)
    integer :: a, c, k, s
 
@@ -362,8 +361,8 @@ subroutine set_essential(self, cells, essential, value)
    end do
 end subroutine set_essential
 
-!> Keep gradients of points once that differ by rounding: most cells of a lattice are alike, and
-!> what stays in the cache need not be read
+!> Store gradients that differ only by rounding once: most cells of a lattice are alike, and data
+!> that stay in the cache need not be read
 subroutine share(self)
    class(gradient_type), intent(inout) :: self
    integer, allocatable :: same(:)
@@ -402,7 +401,7 @@ pure subroutine gradient_at(self, q, x, factor, h)
    integer, intent(in) :: q
    !> Coefficients of the group's source points, shape (fields, members) [length]
    real(wp), contiguous, intent(in) :: x(:, :)
-   !> Load factors, shape (factors); without any no values are lifted [-]
+   !> Load factors, shape (factors); if empty, no values are lifted [-]
    real(wp), intent(in) :: factor(:)
    !> Gradient u_i,A with the lifting, shape (fields, nd) [-]
    real(wp), intent(out) :: h(:, :)
@@ -412,7 +411,7 @@ pure subroutine gradient_at(self, q, x, factor, h)
    h = 0.0_wp
    if (self%lifts(q)) h = self%lifted(q, factor)
    if (self%fields == 3 .and. self%first(1, q) == self%first(self%fields, q)) then
-      ! nearly all points of a solid
+      ! the usual case in a solid
       call solid_gradient(int(self%start(q + 1) - self%start(q)), self%local(self%start(q) &
          & + 1:), self%value(:, self%first(1, q) + 1:), x, h)
       return
@@ -430,12 +429,12 @@ pure subroutine gradient_at(self, q, x, factor, h)
    end do
 end subroutine gradient_at
 
-!> Part of the gradient that essential values make at a point, u_i,A [-]
+!> Part of the gradient at a point due to prescribed values, u_i,A [-]
 pure function lifted(self, q, factor) result(h)
    class(gradient_type), intent(in) :: self
    !> Point
    integer, intent(in) :: q
-   !> Load factors or their change, shape (factors); without any there is none [-]
+   !> Load factors or their change, shape (factors); if empty, the part is zero [-]
    real(wp), intent(in) :: factor(:)
    real(wp) :: h(self%fields, self%nd)
    integer :: a
@@ -447,7 +446,7 @@ pure function lifted(self, q, factor) result(h)
    end do
 end function lifted
 
-!> Add the forces that do the work of a stress
+!> Add the internal forces of a stress
 pure subroutine add_force(self, q, p, force)
    class(gradient_type), intent(in) :: self
    !> Point
@@ -479,7 +478,7 @@ pure subroutine add_force(self, q, p, force)
    end do
 end subroutine add_force
 
-!> Add the work of a stress at a point by the displacements, with several factors
+!> Add the work of a stress at a point on the displacements, with several factors
 pure subroutine add_work(self, q, p, factor, work)
    class(gradient_type), intent(in) :: self
    !> Point
@@ -488,7 +487,7 @@ pure subroutine add_work(self, q, p, factor, work)
    real(wp), intent(in) :: p(:, :)
    !> Factors, as many as a group in space has polynomials
    real(wp), intent(in) :: factor(4)
-   !> Work by the displacements of the group's source points, shape (4, fields, members)
+   !> Work on the displacements of the group's source points, shape (4, fields, members)
    real(wp), contiguous, intent(inout) :: work(:, :, :)
    real(wp) :: force
    integer(i8) :: e
@@ -517,17 +516,17 @@ end subroutine add_work
 !> Add the stiffness of tangent moduli at the points of a group, cell by cell
 subroutine add_stiffness(self, o, c4, part)
    class(gradient_type), intent(in) :: self
-   !> Points before the group
+   !> Number of points before the group
    integer, intent(in) :: o
    !> Moduli times weight at its points, shape (3, 3, 3, 3, n) [stress length^nd]
    real(wp), contiguous, intent(in) :: c4(:, :, :, :, :)
-   !> Stiffness of its source points, of which the upper triangle is added, shape
-   !> (fields*members, fields*members) [force/length]
+   !> Stiffness of its source points, to which the upper triangle is added, shape (fields*members,
+   !> fields*members) [force/length]
    real(wp), contiguous, intent(inout) :: part(:, :)
    real(wp), allocatable :: room(:)
    integer :: n, q
 
-   ! points of a cell see about the same source points, those of a group twice as many
+   ! points of a cell have nearly the same source points, those of a group twice as many
    n = merge(size(c4, 5), self%per_cell, self%per_cell == 1)
    associate (members => size(part, 1)/self%fields)
       allocate (room(stiffness_room(self%fields, self%nd, n, members)))

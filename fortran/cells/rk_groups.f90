@@ -1,8 +1,8 @@
-!> Groups of cells within which the volume change is projected: rows of nodal cells of a lattice,
-!> and groups cut small by the surface joined to others. Which cells share one depends neither on
-!> the order of the points nor on where the body lies. A row that cannot be divided symmetrically is
-!> divided in both orders: each cell then has a slot for each order, and stands for a share of
-!> itself in each group that its slots name.
+!> Groups of cells within which the volume change is projected: rows of nodal cells of a lattice;
+!> small groups cut by the surface are joined to others. The grouping depends neither on the order
+!> of the points nor on the position of the body. A row that cannot be divided symmetrically is
+!> divided in both orders: each cell then has a slot for each order, and contributes a share to each
+!> group named in its slots.
 module rk_groups
    use rk_csr, only : csr_type, group_by, sort
    use rk_facets, only : facets_type
@@ -13,17 +13,17 @@ module rk_groups
 
    public :: slots, groups_of, threes, pairs, join_small
 
-   !> Groups that a cell names: a row in each direction may be counted from either end
+   !> Number of groups of a cell: a row in each direction may be counted from either end
    integer, parameter :: slots = 8
 
-   !> Distances and areas that differ by less than this share are the same
+   !> Relative difference below which distances and areas count as equal
    real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
-!> Groups of a cell, from 1, one for each slot
+!> Groups of a cell, from 1, one per slot
 pure function groups_of(first, last, groups) result(group)
-   !> Group in each direction, from 0, of the cell counted from the first one, and from the last one
+   !> Group in each direction, from 0, of the cell counted from the first and from the last one
    integer, intent(in) :: first(3), last(3)
    !> Groups in each direction
    integer, intent(in) :: groups(3)
@@ -34,7 +34,7 @@ pure function groups_of(first, last, groups) result(group)
       & s=0, slots - 1)]
 end function groups_of
 
-!> Group of a nodal cell in one direction, from 0: threes, as symmetric as can be
+!> Group of a nodal cell in one direction, from 0: threes, as symmetric as possible
 !>
 !> Between groups of two, linear pressures can alternate almost without work: their inf-sup constant
 !> falls with the spacing, that of groups of three does not.
@@ -47,7 +47,7 @@ elemental integer function threes(cell, cells) result(group)
 
    n = cells/3
    group = cell/3
-   ! five are three and two from either end: three groups of them cost accuracy
+   ! five cells are divided into three and two from either end: three groups would cost accuracy
    if (cells <= 5) then
       if (cells == 4) group = 0
       return
@@ -58,17 +58,17 @@ elemental integer function threes(cell, cells) result(group)
          ! a group of four in the middle
          if (cell > 3*(n/2) + 2) group = (cell - 1)/3
       else
-         ! one cell alone in the middle
+         ! a single cell in the middle
          if (cell > 3*(n/2)) group = (cell + 2)/3
       end if
    case (2)
-      ! fours at the ends
+      ! groups of four at the ends
       group = min(max(cell - 1, 0)/3, n - 1)
    end select
 end function threes
 
-!> Group of a block of voxels in one direction, from 0: pairs, of an odd number one in the middle
-!> alone
+!> Group of a block of voxels in one direction, from 0: pairs, with a single one in the middle if
+!> their number is odd
 elemental integer function pairs(block, blocks) result(group)
    !> Block, from 0
    integer, intent(in) :: block
@@ -80,13 +80,13 @@ elemental integer function pairs(block, blocks) result(group)
 end function pairs
 
 !> Join groups of few cells to the group with which they share the largest area, the smallest and
-!> outermost first; of equal areas that of the innermost group, and where there are several, to all
-!> of them in equal parts
+!> outermost groups first. Of equal areas the innermost group is chosen; where several remain, the
+!> cells are distributed equally over them
 subroutine join_small(group, facets, least)
    !> Groups of each cell, from 1, shape (slots, cells)
    integer, intent(inout) :: group(:, :)
    type(facets_type), intent(in) :: facets
-   !> Cells of a group at least; a body apart from all others keeps what it has
+   !> Minimum number of cells of a group; an isolated component keeps its group
    integer, intent(in) :: least
    type(csr_type) :: of_cell
    integer, allocatable :: own(:), near(:), others(:)
@@ -143,7 +143,7 @@ subroutine join_small(group, facets, least)
          end do
       end do
       if (.not. any(shared > 0.0_wp)) then
-         ! alone: never asked again
+         ! isolated: skip it from now on
          members(g) = slots*least
          cycle
       end if

@@ -1,11 +1,11 @@
-!> Pressures of incompressible groups of points, which no change of volume determines: unknowns of
-!> their own.
+!> Pressures of incompressible groups of points, which no change of volume determines: additional
+!> unknowns.
 !>
 !> With K finite the pressure of a group follows from its projected volume and never appears as an
-!> unknown. Where all points of a group have K = infinity, the coefficients of its pressure stand
-!> behind the displacements, in blocks as large as those of the source points, and the rows that
-!> belong to them are the projected changes of volume: the tangent is a saddle. Both are scaled to
-!> lengths and forces by the shear modulus, so that they stand beside the displacements' as equals.
+!> unknown. Where all points of a group have K = infinity, the coefficients of its pressure are
+!> stored after the displacements, in blocks as large as those of the source points, and their rows
+!> are the projected changes of volume: the tangent is a saddle. Both are scaled to lengths and
+!> forces by the shear modulus, like displacements.
 module rk_multiplier
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, lengthened
@@ -15,22 +15,22 @@ module rk_multiplier
 
    public :: multiplier_type, new_multiplier
 
-   !> Blocks of unknowns for the 1 + nd coefficients of a group; what is left of them is zero
+   !> Number of blocks for the 1 + nd coefficients of a group; unused entries are zero
    integer, parameter :: blocks = 2
 
-   !> Where the pressures stand
+   !> Layout of the pressure unknowns
    type :: multiplier_type
-      !> Space dimension, the unknowns in a block
+      !> Space dimension, the number of unknowns in a block
       integer, private :: nd = 0
-      !> Blocks behind those of the source points
+      !> Number of blocks after those of the source points
       integer :: extra = 0
       !> Whether the pressure of each group is an unknown, shape (groups)
       logical, allocatable :: free(:)
       !> Unit of the pressure's coefficients, shape (groups) [stress length^(nd/2-1)]
       real(wp), allocatable :: scale(:)
-      !> Stiffness of entries that stand for nothing, shape (groups) [force/length]
+      !> Stiffness of unused entries, shape (groups) [force/length]
       real(wp), allocatable, private :: idle(:)
-      !> Norm of the unknowns where all pressures are shear moduli [length]
+      !> Norm of the unknowns if every pressure equals the shear modulus [length]
       real(wp) :: extent = 0.0_wp
    contains
       procedure :: pressure, set_rows, set_stiffness, from_rows, to_unknowns
@@ -46,9 +46,9 @@ subroutine new_multiplier(self, cells, bulk, shear, ns, member)
    real(wp), intent(in) :: bulk(:)
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   !> Source points
+   !> Number of source points
    integer, intent(in) :: ns
-   !> Source points of each group, ascending; then the blocks of its pressure as well
+   !> Source points of each group, ascending; on return followed by the blocks of its pressure
    type(csr_type), intent(inout) :: member
    real(wp) :: modulus, volume
    integer :: g, nd
@@ -64,7 +64,7 @@ subroutine new_multiplier(self, cells, bulk, shear, ns, member)
          modulus = dot_product(cells%weight(first:last), shear(first:last))/volume
          self%scale(g) = modulus*volume**(0.5_wp - 1.0_wp/nd)
          self%idle(g) = modulus*volume**(1.0_wp - 2.0_wp/nd)
-         ! a constant pressure of one shear modulus has the coefficient modulus volume^(1/2)
+         ! a constant pressure equal to the shear modulus has the coefficient modulus volume^(1/2)
          if (self%free(g)) self%extent = self%extent + volume**(2.0_wp/nd)
       end associate
    end do
@@ -73,7 +73,7 @@ subroutine new_multiplier(self, cells, bulk, shear, ns, member)
       & *count(self%free(:g)), g=1, size(bulk))], [(ns + g, g=1, self%extra)]))
 end subroutine new_multiplier
 
-!> Coefficients of the pressure of a group, which is an unknown
+!> Coefficients of the pressure of a group whose pressure is an unknown
 pure function pressure(self, g, local) result(value)
    class(multiplier_type), intent(in) :: self
    !> Group
@@ -93,10 +93,9 @@ pure subroutine set_rows(self, g, volume, force)
    class(multiplier_type), intent(in) :: self
    !> Group, whose pressure is an unknown
    integer, intent(in) :: g
-   !> Change of volume by its polynomials, shape (count) [length^(nd/2)]
+   !> Change of volume by polynomial, shape (count) [length^(nd/2)]
    real(wp), intent(in) :: volume(:)
-   !> Forces on its source points and blocks, of which those on blocks are set, shape (nd, members)
-   !> [force]
+   !> Forces on its source points and blocks; those on blocks are set, shape (nd, members) [force]
    real(wp), intent(inout) :: force(:, :)
    real(wp) :: tail(size(force, 1)*blocks)
 
@@ -123,12 +122,12 @@ pure subroutine set_stiffness(self, g, volume, part)
    end do
 end subroutine set_stiffness
 
-!> Prescribed changes of volume from the right hand sides of the blocks; zero for other groups
+!> Prescribed changes of volume from the right-hand sides of the blocks; zero for other groups
 pure subroutine from_rows(self, rows, volume)
    class(multiplier_type), intent(in) :: self
-   !> Right hand sides, shape (nd*extra) [force]
+   !> Right-hand sides, shape (nd*extra) [force]
    real(wp), intent(in) :: rows(:)
-   !> Changes of volume by the polynomials, shape (1 + nd, groups) [length^(nd/2)]
+   !> Changes of volume by polynomial, shape (1 + nd, groups) [length^(nd/2)]
    real(wp), intent(out) :: volume(:, :)
    integer :: g, o
 

@@ -1,8 +1,8 @@
 !> Nodal cells for smoothed gradients (SCNI): one for each source point.
 !>
-!> A cell is known by its facets. Neighbours share theirs with all quadrature points, and each
-!> facet's quadrature is exact for linear functions, so that smoothed gradients of linear functions
-!> are exact and the sum of all cells leaves only the surface.
+!> A cell is defined by its facets. Neighbours share their facets with all quadrature points, and
+!> each facet's quadrature is exact for linear functions, so that smoothed gradients of linear
+!> functions are exact and in the sum of all cells only the surface remains.
 !>
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
 !>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
@@ -22,17 +22,17 @@ module rk_nodal_cells
 
    !> Gauss points of an edge, from -1 to 1
    real(wp), parameter :: gauss(2) = [-1.0_wp, 1.0_wp]/sqrt(3.0_wp)
-   !> Widths that differ by less than this share are the same
+   !> Relative difference below which widths count as equal
    real(wp), parameter :: alike = 1.0e-6_wp
 
 contains
 
-!> Cells of all source points: from the lattice where there is one, of whole voxels in a model,
-!> where blocks have several points
+!> Cells of all source points: from the lattice if there is one, otherwise from whole voxels of a
+!> model, where a block has several points
 subroutine nodal_cells(self, cloud, error)
    type(cells_type), intent(out) :: self
    type(cloud_type), intent(in) :: cloud
-   !> Error handling: cells that are not there
+   !> Error handling: no cells available
    type(error_type), allocatable, intent(out) :: error
    type(facets_type) :: facets
    integer, allocatable :: group(:, :)
@@ -57,11 +57,11 @@ subroutine nodal_cells(self, cloud, error)
    if (allocated(cloud%block)) call split_cells(self)
 end subroutine nodal_cells
 
-!> Put 2^nd points in the place of one in each cell: as many resist gradients that vary within it.
-!> They lie about its centre so that they have its volume and its second moments: of a box they are
-!> its 2 x 2 x 2 Gauss points. The mean of their gradients stays that of the facets
+!> Replace the point of each cell by 2^nd points: as many resist gradients that vary within it. They
+!> lie about its centre with the volume and the second moments of the cell: in a box they are its 2
+!> x 2 x 2 Gauss points. The mean of their gradients remains that of the facets
 subroutine split_cells(self)
-   !> Nodal cells, one point each
+   !> Nodal cells with one point each
    type(cells_type), intent(inout) :: self
    real(wp), allocatable :: point(:, :), width(:), volume(:)
    integer, allocatable :: lift_point(:)
@@ -101,7 +101,7 @@ subroutine split_cells(self)
    deallocate (self%node, self%moment)
 end subroutine split_cells
 
-!> Place of a source point in its lattice, from 0
+!> Index of a source point in its lattice, from 0
 pure function lattice_index(cloud, is) result(index)
    !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud
@@ -113,8 +113,8 @@ pure function lattice_index(cloud, is) result(index)
    index(:cloud%nd) = digits_of(is - 1, cloud%lattice)
 end function lattice_index
 
-!> Facets of a lattice, straight half way between the source points; on the surface of a plane one
-!> they meet in the source points
+!> Facets of a lattice, straight and half way between the source points; on the surface of a plane
+!> lattice they meet at the source points
 subroutine lattice_facets(facets, cloud)
    type(facets_type), intent(inout) :: facets
    type(cloud_type), intent(in) :: cloud
@@ -132,7 +132,7 @@ subroutine lattice_facets(facets, cloud)
          o = modulo(d, nd) + 1
          p = modulo(d + 1, nd) + 1
          do end = 0, 1
-            ! in half spacings: where the cell ends in this direction, its range along the others
+            ! in half spacings: the end of the cell in this direction, its range along the others
             from = max(2*index - 1, 0)
             to = min(2*index + 1, last)
             if (end == 0) to(d) = from(d)
@@ -155,7 +155,7 @@ subroutine lattice_facets(facets, cloud)
 
 contains
 
-   !> Place of a corner in half spacings
+   !> Position of a corner given in half spacings
    pure function corner(at) result(x)
       integer, intent(in) :: at(:)
       real(wp) :: x(nd)
@@ -172,7 +172,7 @@ contains
       integer :: k
 
       if (nd == 2) then
-         ! a and b follow the other direction: turned to the side of growing d
+         ! a and b follow the other direction: orient the normal towards increasing d
          area = 0.5_wp*[b(2) - a(2), a(1) - b(1)]
          if (d == 2) area = -area
       else

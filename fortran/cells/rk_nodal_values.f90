@@ -1,8 +1,8 @@
-!> Values of the approximation at a place for each source point: u = T d of the coefficients d.
+!> Values of the approximation at the source points: u = T d with the coefficients d.
 !>
-!> Stiffness is that of the values, not of the coefficients: what changes sign
-!> from one source point to the next hardly has a value. A preconditioner made for values therefore
-!> stands between T^-1 and T^-T. A few Chebyshev steps are as good as the inverse there, and they
+!> Stiffness is that of the values, not of the coefficients: a pattern that changes sign from one
+!> source point to the next has nearly zero values. A preconditioner made for values is therefore
+!> applied between T^-1 and T^-T. A few Chebyshev steps are as good as the inverse there, and they
 !> are a fixed polynomial, so that the preconditioner stays linear and symmetric.
 !>
 !> Reference: Golub, Varga, Numer. Math. 3 (1961), doi:10.1007/BF01386013 (Chebyshev iteration)
@@ -18,21 +18,21 @@ module rk_nodal_values
    !> Map from coefficients to values, in the order of the source points
    type :: nodal_values_type
       !> Values of the shape functions of the source points that cover each point, and the
-      !> transposed: threads take rows of it as well
+      !> transpose: threads divide its rows too
       type(sparse_rows) :: row, row_t
-      !> Middle and half length of the interval that holds the eigenvalues
+      !> Centre and half length of the interval that contains the eigenvalues
       real(wp) :: middle = 1.0_wp
       real(wp) :: half = 0.5_wp
-      !> Chebyshev steps
+      !> Number of Chebyshev steps
       integer, private :: steps = 0
    contains
-      !> Coefficients from values, or their transposed
+      !> Apply the inverse map, or its transpose
       procedure :: invert
    end type nodal_values_type
 
-   !> Largest eigenvalue: rows sum to one, a little more near edges
+   !> Largest eigenvalue: rows sum to one; slightly larger near edges
    real(wp), parameter :: largest = 1.1_wp
-   !> Smallest eigenvalue of one direction that is worth a step
+   !> Smallest eigenvalue of one direction that the iteration resolves
    real(wp), parameter :: smallest = 0.3_wp
 
 contains
@@ -40,11 +40,11 @@ contains
 !> Set up the map
 subroutine new_nodal_values(self, shape, place, steps)
    type(nodal_values_type), intent(out) :: self
-   !> Shape functions at places
+   !> Shape functions at given positions
    type(shape_type), target, intent(in) :: shape
-   !> Place of each source point among them, shape (ns)
+   !> Number of the position of each source point, shape (ns)
    integer, intent(in) :: place(:)
-   !> Chebyshev steps
+   !> Number of Chebyshev steps
    integer, intent(in) :: steps
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
@@ -74,13 +74,13 @@ subroutine new_nodal_values(self, shape, place, steps)
       call row%transposed(ns, self%row_t%place, entry)
    end associate
    self%row_t%value = self%row%value(entry)
-   ! on a lattice what changes sign in every direction has this eigenvalue
+   ! eigenvalue, on a lattice, of the pattern that changes sign in every direction
    own = max(2.0_wp*max(own, 0.0_wp)**(1.0_wp/shape%nd) - 1.0_wp, smallest)**shape%nd
    self%middle = 0.5_wp*(largest + own)
    self%half = 0.5_wp*(largest - own)
 end subroutine new_nodal_values
 
-!> x = T^-1 x or T^-T x, nearly
+!> x = T^-1 x or T^-T x, approximately
 subroutine invert(self, transposed, x)
    class(nodal_values_type), intent(in) :: self
    logical, intent(in) :: transposed

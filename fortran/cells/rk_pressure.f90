@@ -1,9 +1,9 @@
 !> Pressure of nearly incompressible materials in weak forms: linear in each group of cells.
 !>
-!> The volume ratio J is projected on the polynomials of its group, and only the projection is
-!> resisted by the bulk modulus: K/2 times the integral of (J_p - 1)^2. Four pressures for about
-!> eight cells of Gauss points, or 27 nodal cells, leave enough freedom to deform without a change
-!> of volume. For output the polynomials are blended into one continuous function.
+!> The volume ratio J is projected on the polynomials of its group, and the bulk modulus acts only
+!> on the projection: K/2 times the integral of (J_p - 1)^2. Four pressures for about eight cells of
+!> Gauss points, or 27 nodal cells, leave enough freedom to deform without a change of volume. For
+!> output the polynomials are blended into one continuous function.
 !>
 !> Reference: Simo, Taylor, Pister, Comput. Methods Appl. Mech. Eng. 51 (1985),
 !>            doi:10.1016/0045-7825(85)90033-7
@@ -23,7 +23,7 @@ module rk_pressure
    public :: pressure_type, new_pressure
 
    !> Polynomials of the groups, orthonormal by volume over the bulk modulus, so that the energy is
-   !> one modulus times a sum of squares also where soft and stiff tissues meet in a group
+   !> one modulus times a sum of squares even where soft and stiff tissues meet in a group
    type :: pressure_type
       !> Number of polynomials of each group, shape (groups)
       integer, allocatable :: count(:)
@@ -34,19 +34,19 @@ module rk_pressure
       !> Centre and size of each group, shape (nd, groups) [length]
       real(wp), allocatable :: centre(:, :)
       real(wp), allocatable :: reach(:, :)
-      !> Polynomials by the monomials 1, (x - centre)/reach, shape (1 + nd, 1 + nd, groups)
+      !> Polynomials in terms of the monomials 1, (x - centre)/reach, shape (1 + nd, 1 + nd, groups)
       real(wp), allocatable :: monomial(:, :, :)
       !> Groups near each collocation point
       type(csr_type) :: near
       !> Second moments of each group about its centre over its volume, shape (nd, nd, groups)
       !> [length^2]
       real(wp), allocatable :: moment(:, :, :)
-      !> Groups around each one, and by how much their slopes make its curvature, shape
-      !> (nd, entries); not allocated where pressures are written as they are [1/length]
+      !> Groups around each one, and the weights of their slopes in its curvature, shape (nd,
+      !> entries); not allocated where pressures are written unchanged [1/length]
       type(csr_type) :: around
       real(wp), allocatable :: share(:, :)
-      !> Planes or circles on which materials meet, where pressures jump, and whether each group
-      !> lies beyond them, shape (planes, groups); not allocated where there is none
+      !> Planes or circles on which materials meet and pressures jump, and whether each group lies
+      !> beyond them, shape (planes, groups); not allocated if there are none
       type(approximation_type) :: planes
       logical, allocatable :: beyond_plane(:, :)
    contains
@@ -55,17 +55,17 @@ module rk_pressure
       procedure, private :: slope
    end type pressure_type
 
-   !> A polynomial that the others explain up to this share of its norm is left out
+   !> A polynomial is left out if the others represent it up to this part of its norm
    real(wp), parameter :: dependent = 1.0e-6_wp
-   !> Supports of the blending, in sizes of a group; of the list, a little more for probes between
+   !> Supports of the blending, in sizes of a group; the list is a little larger, for probes between
    !> collocation points
    real(wp), parameter :: blend = 1.0_wp, list = 2.0_wp
-   !> Places on the rim of a support, where the blending vanishes, stay out whatever their rounding
+   !> Positions on the rim of a support, where the blending vanishes, are excluded despite rounding
    real(wp), parameter :: inside = 1.0_wp - 1.0e-12_wp
-   !> Neighbours of a group are centred within so many of its sizes, corners included
+   !> Neighbours of a group have their centres within this many of its sizes, corners included
    real(wp), parameter :: beside = 1.5_wp
-   !> A direction in which a group has no neighbours has no curvature: this share of its size
-   !> squared is their distance squared at least
+   !> Regularisation, relative to the squared size of a group: a direction in which it has no
+   !> neighbours has no curvature
    real(wp), parameter :: alone = 1.0e-9_wp
 
 contains
@@ -78,7 +78,7 @@ subroutine new_pressure(self, cells, softness, place, curved, planes, error)
    real(wp), intent(in) :: softness(:)
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Write pressures with their curvature, in the plane
+   !> Write pressures with their curvature (plane problems)
    logical, intent(in) :: curved
    !> Approximation, with the planes on which materials meet
    type(approximation_type), intent(in) :: planes
@@ -100,7 +100,7 @@ subroutine new_pressure(self, cells, softness, place, curved, planes, error)
          & *softness(cells%first(g) + 1:cells%first(g + 1)))
          self%centre(:, g) = matmul(x, w)/sum(w)
          do d = 1, nd
-            ! a box of the same second moment has this width
+            ! width of a box with the same second moment
             self%reach(d, g) = sqrt(12.0_wp*sum(w*(x(d, :) - self%centre(d, g))**2)/sum(w))
          end do
          self%reach(:, g) = max(self%reach(:, g), sum(w)**(1.0_wp/nd))
@@ -116,7 +116,7 @@ subroutine new_pressure(self, cells, softness, place, curved, planes, error)
             m(:, n + 1) = 1.0_wp
             if (i > 1) m(:, n + 1) = (x(i - 1, :) - self%centre(i - 1, g))/self%reach(i - 1, g)
             before = sqrt(sum(soft))
-            ! twice is enough
+            ! orthogonalising twice is enough
             do trial = 1, 2
                do j = 1, n
                   factor = sum(soft*m(:, j)*m(:, n + 1))
@@ -152,9 +152,9 @@ subroutine new_pressure(self, cells, softness, place, curved, planes, error)
    if (.not. allocated(error)) call weigh_slopes(self, cells)
 end subroutine new_pressure
 
-!> Slopes of a group whose points lie on a line or a plane, taken along it: the points say nothing
-!> of those across. Slopes along the first axis alone grow without bound as the line turns away from
-!> it, and so do pressures beside the line
+!> Project the slopes of a group whose points lie on a line or a plane onto it: the points do not
+!> determine the slopes across. Slopes along the first axis alone grow without bound as the line
+!> turns away from that axis, and so do pressures beside the line
 subroutine flatten(x, w, centre, reach, slope, error)
    !> Points of the group, shape (nd, n) [length]
    real(wp), intent(in) :: x(:, :)
@@ -162,7 +162,7 @@ subroutine flatten(x, w, centre, reach, slope, error)
    real(wp), intent(in) :: w(:)
    !> Centre and size of the group, shape (nd) each [length]
    real(wp), intent(in) :: centre(:), reach(:)
-   !> Slopes of its polynomials by (x - centre)/reach, shape (nd, polynomials)
+   !> Slopes of its polynomials in (x - centre)/reach, shape (nd, polynomials)
    real(wp), intent(inout) :: slope(:, :)
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: u(:, :), size_of(:), axis(:, :), along(:, :)
@@ -177,7 +177,7 @@ subroutine flatten(x, w, centre, reach, slope, error)
    if (any(abs(along - slope) > dependent*maxval(abs(slope)))) slope = along
 end subroutine flatten
 
-!> Least squares weights of the slopes around each group, and its second moments, in the plane
+!> Least squares weights of the slopes around each group, and its second moments (plane problems)
 subroutine weigh_slopes(self, cells)
    !> Pressure with its groups and those around them
    type(pressure_type), intent(inout) :: self
@@ -233,7 +233,7 @@ end function slope
 !> Second derivatives of the pressures of all groups, each from the slopes of those around it, shape
 !> (nd, nd, groups) [stress/length^2]
 pure function bends(self, coefficient) result(bend)
-   !> Polynomials, which are written with them
+   !> Polynomials that are written with their curvature
    class(pressure_type), intent(in) :: self
    real(wp), intent(in) :: coefficient(:, :)
    real(wp) :: bend(size(self%centre, 1), size(self%centre, 1), size(self%count))
@@ -266,9 +266,8 @@ pure real(wp) function pressure_value(self, g, q, coefficient)
    end associate
 end function pressure_value
 
-!> Pressure of a group at the end of a step, linear in the step as in a mixed Newton iteration: with
-!> K (J - 1) of the new place instead, the stiffness suffers from every bit of volume that a step
-!> leaves
+!> Pressure of a group at the end of a step, linearised in the step as in a mixed Newton iteration:
+!> with K (J - 1) of the new state instead, any volume error left by a step disturbs the stiffness
 pure function along_step(self, g, cells, bulk, f, base) result(value)
    class(pressure_type), intent(in) :: self
    integer, intent(in) :: g
@@ -290,16 +289,15 @@ pure function along_step(self, g, cells, bulk, f, base) result(value)
    value(:b) = bulk*(value(:b) - self%total(:b, g))
 end function along_step
 
-!> Blended pressure at a place: a partition of unity of the groups' polynomials
+!> Blended pressure at a position: the polynomials of groups weighted by a partition of unity
 pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    class(pressure_type), intent(in) :: self
-   !> Collocation point nearest to the place
+   !> Collocation point nearest to the position
    integer, intent(in) :: ip
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    real(wp), intent(in) :: coefficient(:, :)
-   !> Their curvatures where pressures are written with them, shape (nd, nd, groups)
-   !> [stress/length^2]
+   !> Their curvatures if pressures are written with them, shape (nd, nd, groups) [stress/length^2]
    real(wp), intent(in), optional :: bend(:, :, :)
    real(wp) :: s(3), weight, total, local
    integer(i8) :: k
@@ -334,11 +332,11 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
    if (total > 0.0_wp) p = p/total
 end function pressure_at
 
-!> Whether a plane parts a place from a group
+!> Whether a plane separates a position from a group
 pure logical function beyond(self, g, x)
    class(pressure_type), intent(in) :: self
    integer, intent(in) :: g
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    integer :: k
 

@@ -1,10 +1,10 @@
-!> Products of gradients with displacements and stresses, with lengths and strides that the compiler
-!> knows: they are most of the work of solids whose tangent is never formed, and much of that of
-!> plane bodies. Volumes of a group are rows of the tangent: a force for each polynomial.
+!> Products of gradients with displacements and stresses, with lengths and strides known to the
+!> compiler: they take most of the time of solids whose tangent is never formed, and much of that of
+!> plane bodies. Volumes of a group are treated like rows of the tangent: one force per polynomial.
 !>
-!> All take the number of source points in sight, their places among those of the group, shape (n),
-!> and the gradients of their shape functions, shape (nd, n) [1/length]: those of a solid, where
-!> nothing is lifted, or those of both components of a plane body, which may differ.
+!> All take the number of source points in the support, their places among those of the group, shape
+!> (n), and the gradients of their shape functions, shape (nd, n) [1/length]: those of a solid,
+!> where nothing is lifted, or those of both components of a plane body, which may differ.
 module rk_solid_products
    use rk_precision, only : wp
    implicit none
@@ -90,7 +90,7 @@ pure subroutine plane_force(n, local, first, second, p, force)
    end do
 end subroutine plane_force
 
-!> Add the work of a stress in a plane body by its displacements, with several factors
+!> Add the work of a stress in a plane body on its displacements, with several factors
 pure subroutine plane_work(n, local, first, second, p, factor, work)
    integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: first(2, *), second(2, *)
@@ -98,7 +98,7 @@ pure subroutine plane_work(n, local, first, second, p, factor, work)
    real(wp), intent(in) :: p(2, 2)
    !> Factors
    real(wp), intent(in) :: factor(4)
-   !> Work by the displacements of the group's source points, shape (4, 2, members)
+   !> Work on the displacements of the group's source points, shape (4, 2, members)
    real(wp), intent(inout) :: work(4, 2, *)
    real(wp) :: force(2)
    integer :: e
@@ -111,7 +111,7 @@ pure subroutine plane_work(n, local, first, second, p, factor, work)
    end do
 end subroutine plane_work
 
-!> Add the work of a stress in a solid by its displacements, with several factors
+!> Add the work of a stress in a solid on its displacements, with several factors
 pure subroutine solid_work(n, local, value, p, factor, work)
    integer, intent(in) :: n, local(*)
    real(wp), intent(in) :: value(3, *)
@@ -119,7 +119,7 @@ pure subroutine solid_work(n, local, value, p, factor, work)
    real(wp), intent(in) :: p(3, 3)
    !> Factors
    real(wp), intent(in) :: factor(4)
-   !> Work by the displacements of the group's source points, shape (4, 3, members)
+   !> Work on the displacements of the group's source points, shape (4, 3, members)
    real(wp), intent(inout) :: work(4, 3, *)
    real(wp) :: force
    integer :: e, i

@@ -13,13 +13,13 @@ module rk_surface_sets
 
 contains
 
-!> Find the sets in which each surface point lies: those of its boundary entry in a model, those of
-!> its place elsewhere
+!> Find the sets in which each surface point lies: those of its boundary entry in a model, otherwise
+!> those of its position
 subroutine find_surface_sets(self, cloud, error)
    !> Points with their surface
    type(cells_type), intent(inout) :: self
    type(cloud_type), intent(in) :: cloud
-   !> Error handling: a set that no surface point lies in
+   !> Error handling: a set that contains no surface point
    type(error_type), allocatable, intent(out) :: error
    integer :: k, s
 

@@ -14,20 +14,20 @@ module rk_voxels
 
    public :: voxel_facets
 
-   !> Normals that are as near to a face's, places that are as near to two source points [-]
+   !> Tolerance for normals equally near to a face's, positions equally near to source points [-]
    real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
-!> Facets of all cells and their groups: blocks of source spacings, those cut small by the surface
-!> joined to others
+!> Facets of all cells and their groups: blocks of source spacings; small groups cut by the surface
+!> are joined to others
 subroutine voxel_facets(facets, cloud, group, filled, error)
    type(facets_type), intent(inout) :: facets
    type(cloud_type), intent(in) :: cloud
    !> Groups of each cell, shape (slots, cells)
    integer, allocatable, intent(out) :: group(:, :)
-   !> Volume of the body in each cell over that of its voxels, shape (cells) [-]; not allocated
-   !> where all voxels are full
+   !> Volume of the body in each cell over that of its voxels, shape (cells) [-]; not allocated if
+   !> all voxels are full
    real(wp), allocatable, intent(out) :: filled(:)
    !> Error handling: no voxels, a source point without voxels
    type(error_type), allocatable, intent(out) :: error
@@ -53,7 +53,7 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
    centre = cloud%centres()
    call find_owners(cloud, owner, cells, error)
    if (allocated(error)) return
-   ! full voxels are full to the last bit
+   ! set nearly full voxels to exactly full
    if (all(abs(share - 1.0_wp) < 1.0e-6_wp)) then
       share = 1.0_wp
    else
@@ -91,8 +91,8 @@ subroutine voxel_facets(facets, cloud, group, filled, error)
             x(d) = x(d) + 0.5_wp*side*cloud%voxels%size(d)
             if (other == 0) then
                entry = nearest_entry(entries, cloud, ip, area)
-               ! a slice at an end is cut through as much of the body as it holds, and as the end
-               ! of a body that tapers has less
+               ! an end slice has as much cut area as body in it, and less at an end where the body
+               ! tapers
                part = 1.0_wp
                if (d == 3 .and. (next(3) == 0 .or. next(3) > n(3))) &
                   & part = share(ip)*(1.0_wp - taper(merge(1, 2, side < 0)))
@@ -144,15 +144,15 @@ subroutine find_owners(cloud, owner, cells, error)
    owner = number(place)
 end subroutine find_owners
 
-!> Groups of two blocks in each direction or of three source spacings; groups of which the surface
-!> leaves less than half are joined to others
+!> Groups of two blocks in each direction or of three source spacings; groups that the surface cuts
+!> to less than half are joined to others
 pure subroutine find_groups(cloud, owner, cells, group, least)
    type(cloud_type), intent(in) :: cloud
    integer, intent(in) :: owner(:)
    integer, intent(in) :: cells
    !> Groups of each cell, from 1, shape (slots, cells)
    integer, allocatable, intent(out) :: group(:, :)
-   !> Cells that a group has at least
+   !> Minimum number of cells of a group
    integer, intent(out) :: least
    real(wp) :: step(3), low(3), high(3), at(3)
    integer :: n(3), i
@@ -167,7 +167,7 @@ pure subroutine find_groups(cloud, owner, cells, group, least)
       end do
       return
    end if
-   ! linear pressures on two do not satisfy the inf-sup condition with nodal integration
+   ! linear pressures on groups of two do not satisfy the inf-sup condition with nodal integration
    least = 14
    step = minval(cloud%spacing, dim=2)
    low = minval(cloud%source, dim=2)
@@ -180,8 +180,8 @@ pure subroutine find_groups(cloud, owner, cells, group, least)
    end do
 end subroutine find_groups
 
-!> Boundary entry of a voxel's face: the one whose normal is nearest to the face's, of several that
-!> of the first set; 0 without one
+!> Boundary entry of a voxel's face: the one whose normal is nearest to the face's; among equals,
+!> that of the first set; 0 if there is none
 pure integer function nearest_entry(entries, cloud, ip, area)
    !> Boundary entries of each voxel
    type(csr_type), intent(in) :: entries

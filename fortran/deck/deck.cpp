@@ -1,4 +1,4 @@
-// Opening a deck: the order of the steps, and its complaints.
+// Opening a deck: the order of the steps, and the complaints.
 #include "deck.h"
 
 #include <algorithm>
@@ -7,7 +7,7 @@
 
 namespace rk {
 
-// Complaints that a message lists
+// Maximum number of complaints listed in a message
 constexpr std::size_t most_complaints = 100;
 
 const KeySpec *TableSpec::find(const std::string &key) const {
@@ -57,7 +57,7 @@ Deck Deck::read(const std::string &path, std::vector<std::string> overrides) {
 }
 
 std::string Deck::resolve(const std::string &key) {
-   // a deck that could not be read says so itself
+   // a deck that could not be read has its own message
    if (sections.empty() && status != Status::good)
       return "";
    complaints_.clear();
@@ -80,7 +80,7 @@ void Deck::require(const std::string &command) {
    close();
 }
 
-// All steps; each goes on after complaints of its own, so that a user sees everything at once
+// All steps; each continues after complaints, so that a user sees all of them at once
 void Deck::load() {
    folder = std::filesystem::path(name).parent_path().string();
    if (folder.empty())

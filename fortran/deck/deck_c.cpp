@@ -1,9 +1,9 @@
-// Decks for rk_deck.f90: a view of the deck with a flat list of entries, in the order of their keys, and
-// its values as JSON.
+// Decks for rk_deck.f90: a view of the deck with a flat list of entries, in the order of their
+// keys, and its values as JSON.
 //
-// Texts come a line each, booleans in JSON only. A text that names an entry of another table has the number
-// of that entry, from 1, beside it, an array of tables the number of its entries. All pointers live until
-// rk_deck_close.
+// Texts are one per line, booleans in JSON only. A text that names an entry of another table comes
+// with the number of that entry, from 1, an array of tables with the number of its entries. All
+// pointers are valid until rk_deck_close.
 #include "deck.h"
 
 #include <cmath>
@@ -80,7 +80,7 @@ void add_section(Flat &flat, const rk::Section &section) {
       entry = flatten(*value);
       if (!spec.refers_to.empty())
          entry.numbers = {static_cast<double>(flat.numbers[spec.refers_to][value->text])};
-      // empty: nobody wrote it
+      // empty for a default
       entry.where = value->by_default ? "" : flat.deck.where(value->origin);
       entry.address = flat.deck.address(section, spec.name);
    }
@@ -101,7 +101,7 @@ std::string json_text(const std::string &text) {
 std::string json_number(const rk::Value &value, rk::Type type) {
    if (type == rk::Type::integer || type == rk::Type::integers)
       return std::to_string(value.integer);
-   // JSON has no infinity: the word of the deck
+   // JSON has no infinity: use the word of the deck
    if (!std::isfinite(value.number()))
       return "\"inf\"";
    const std::string text = rk::exactly(value.number());
@@ -168,7 +168,7 @@ void fill(Flat &flat) {
       static_cast<int>(deck.status)};
 }
 
-// Overrides come a line each
+// Overrides, one per line
 std::vector<std::string> lines(const char *text) {
    std::vector<std::string> found;
    std::istringstream stream(text);
@@ -183,8 +183,8 @@ std::vector<std::string> lines(const char *text) {
 
 extern "C" {
 
-// Read and check a file, or a text where there is one, for a command ("": for none). With a key the status
-// and message are those of its full name, as an override would take it
+// Read and check a file, or a text if given, for a command ("" for none). With a key, status and
+// message are those of its full name, as in an override
 DeckView *rk_deck_open(const char *path, const char *text, const char *overrides, const char *command,
                        const char *key) {
    rk::Deck deck = rk::is_blank(text) ? rk::Deck::read(path, lines(overrides))

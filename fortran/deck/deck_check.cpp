@@ -11,9 +11,9 @@
 
 namespace rk {
 
-// Of a title, a name or a path [byte]
+// Maximum length of a title, a name or a path [byte]
 constexpr std::size_t longest_text = 4096;
-// Items of an array
+// Maximum number of items of an array
 constexpr std::size_t most_items = 100000;
 
 static bool is_array(Type type) {
@@ -41,7 +41,7 @@ static std::string wanted(const KeySpec &key) {
    }
 }
 
-// Why one value (of an array: one item) cannot be; "" where it can
+// Why one value (for an array: one item) is invalid; "" if it is valid
 static std::string refusal(const KeySpec &key, const Value &value) {
    const bool number = value.is_number();
    bool fits = false;
@@ -64,7 +64,7 @@ static std::string refusal(const KeySpec &key, const Value &value) {
       return std::string("must be ") + wanted(key) + ", not " + value.described();
    if (value.kind == Value::Kind::text && is_blank(value.text))
       return "must not be empty";
-   // texts go through C, where they would end there
+   // texts go through C, where a null character would end them
    if (value.kind == Value::Kind::text && value.text.find('\0') != std::string::npos)
       return "must not contain the character \\u0000";
    if (value.kind == Value::Kind::text && value.text.size() > longest_text)
@@ -104,18 +104,18 @@ static std::string refusal(const KeySpec &key, const Value &value) {
    return "";
 }
 
-// One value that stands for an array
+// Whether one value is given for a whole array
 static bool is_single(const KeySpec &key, const Value &value) {
    return value.is_number() || (!key.expression.empty() && value.kind == Value::Kind::text);
 }
 
-// Why a value cannot be, lengths apart; "" where it can
+// Why a value is invalid, apart from lengths; "" if it is valid
 static std::string refusal_of(const KeySpec &key, const Value &value) {
    if (!is_array(key.type) || (key.scalar && is_single(key, value)))
       return refusal(key, value);
    if (value.kind != Value::Kind::array)
       return "must be " + wanted(key) + ", not " + value.described();
-   // an array that may be empty is so by default
+   // an array that may be empty is empty by default
    if (value.items.empty() && key.default_toml != "[]")
       return "must not be empty";
    if (value.items.size() > most_items)
@@ -154,8 +154,8 @@ static void check_values(Deck &deck, Section &section) {
 }
 
 
-// The first condition that does not hold; nullptr where all hold. One that cannot be judged
-// (its key is absent or was refused) counts as `unknown` says.
+// The first condition that fails; nullptr if all hold. One that cannot be evaluated (its key is
+// absent or was refused) counts as `unknown`.
 static const Condition *failing(const Deck &deck, const Section &section,
                                 const std::vector<Condition> &conditions, bool unknown) {
    for (const Condition &condition : conditions) {
@@ -173,11 +173,11 @@ static const Condition *failing(const Deck &deck, const Section &section,
    return nullptr;
 }
 
-// What a condition asks for and what is there instead
+// The condition required and the value found instead
 static std::string only_for(const Deck &deck, const Section &section, const Condition &broken) {
    if (broken.values.empty())
       return "needs " + broken.key + " beside it";
-   // no user can write the value of a table that is absent
+   // the value of a key in an absent table cannot be given
    const std::string absent = broken.key == "linear.problem" ? "none" : "", without = "without [linear]";
    std::vector<std::string> values = broken.values;
    values.erase(std::remove(values.begin(), values.end(), absent), values.end());
@@ -198,7 +198,7 @@ static void fill_default(const Deck &deck, Section &section, const KeySpec &key)
       put_default(section, key.name, *parse_value(*toml));
 }
 
-// Values that fit only beside some values of other keys
+// Values allowed only with certain values of other keys
 static void check_value_if(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
    const std::string word =
       key.type == Type::number && !value.is_number() ? "an expression" : value.plain();
@@ -212,7 +212,7 @@ static void check_value_if(Deck &deck, const Section &section, const KeySpec &ke
    }
 }
 
-// Keys that are missing or out of place, given the values of others; returns those complained about
+// Keys that are missing or not allowed, given the values of others; returns those complained about
 static std::set<std::string> check_presence(Deck &deck, Section &section) {
    std::set<std::string> wrong;
    for (const KeySpec &key : section.spec->keys) {
@@ -250,7 +250,7 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
    return wrong;
 }
 
-// Keys of which some must be there, or not two; silent about those in `wrong`
+// Keys of which at least one is needed, or only one is allowed; skips those in `wrong`
 static void check_groups(Deck &deck, const Section &section, const std::set<std::string> &wrong) {
    const auto is_wrong = [&](const std::string &key) { return wrong.count(key) > 0; };
    const auto is_there = [&](const std::string &key) {
@@ -268,7 +268,7 @@ static void check_groups(Deck &deck, const Section &section, const std::set<std:
    }
 }
 
-// Arrays of numbers whose lengths or orders depend on each other
+// Arrays of numbers whose lengths or order depend on each other
 static void check_series(Deck &deck, const Section &section, const KeySpec &key, const Value &value) {
    for (const std::string &name : key.as_many_as) {
       const Value *other = section.find(name);
@@ -302,7 +302,7 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
    }
    if (key.scalar && is_single(key, value)) {
       Value array(std::vector<double>{}, value.origin);
-      // one number does not stand for all unknowns
+      // a single number does not apply to all unknowns
       array.items.assign(key.length == unknowns_length ? 1 : std::max(length, 1), value);
       value = array;
    }
@@ -314,10 +314,10 @@ static void check_length(Deck &deck, Section &section, const KeySpec &key, Value
    section.refused.insert(key.name);
 }
 
-// Names of tables that values refer to, and values that no other entry may have
+// Names of tables to which values refer, and values that must be unique
 struct Names {
    std::map<std::string, std::set<std::string>> known;         // by table
-   std::map<const KeySpec *, std::map<std::string, Origin>> taken; // where each value stood first
+   std::map<const KeySpec *, std::map<std::string, Origin>> taken; // first place of each value
 };
 
 static void check_names(Deck &deck, Section &section, const KeySpec &key, const Value &value,
@@ -344,7 +344,7 @@ static void check_names(Deck &deck, Section &section, const KeySpec &key, const 
    }
 }
 
-// Names of an expression that mean something in this many dimensions, in the order of messages
+// Names that an expression may use in this many dimensions, in the order of messages
 static std::vector<std::string> names_of(const std::string &kind, int dimension) {
    std::vector<std::string> names;
    for (const std::string &name : expression_names()) {
@@ -357,11 +357,11 @@ static std::vector<std::string> names_of(const std::string &kind, int dimension)
    return names;
 }
 
-// Whether texts in the place of numbers are expressions
+// Whether texts given for numbers are expressions
 static void check_expression(Deck &deck, const Section &section, const KeySpec &key, Value &value) {
    if (deck.dimension() == 0)
       return;
-   // the time is of no meaning where nothing moves
+   // without motion there is no time
    const std::string kind =
        key.expression == "time" && deck.entries("dynamics").empty() ? "place" : key.expression;
    std::vector<std::string> names;
@@ -382,7 +382,7 @@ static void check_expression(Deck &deck, const Section &section, const KeySpec &
          deck.refuse(section, key.name, which + quoted(one.text) + " " + fault);
    };
    check(value, "");
-   // beside an expression numbers are texts
+   // with an expression the numbers are texts
    if (std::any_of(value.items.begin(), value.items.end(), [](const Value &item) { return !item.is_number(); })) {
       for (Value &item : value.items) {
          if (item.is_number())

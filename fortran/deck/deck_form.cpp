@@ -1,4 +1,4 @@
-// The form that scene.method stands for, the title, and what else defaults of the schema depend on.
+// The form of scene.method, the title, and other facts on which schema defaults depend.
 #include "deck.h"
 
 #include <algorithm>
@@ -8,12 +8,12 @@
 
 namespace rk {
 
-// Cells across the thinnest direction of a body whose points nobody chose, and in any other one at
-// most, by space dimension: where a search for points begins; half of them still resolve the body
+// Default number of cells across the thinnest direction of a body, and maximum in any other one, by
+// space dimension: the start of a search for points; half of them still resolve the body
 constexpr int first_cells[] = {8, 8, 6}, most_first_cells[] = {64, 64, 24};
-// Error that is asked for where nobody says another one
+// Default error aimed at by the search
 constexpr double usual_accuracy = 0.02;
-// Points this close to a surface, of the size of the body, lie on it
+// Points this close to a surface, relative to the size of the body, lie on it
 constexpr double on_surface_tolerance = 1e-9;
 
 static bool on_surface(const Section &geometry, const Value &point) {
@@ -51,7 +51,7 @@ static bool quadratic_wall(const Section &geometry) {
 
 // A basis of order 1 has a boundary layer of stress: the tube's radial stress at its wall is 10 %
 // off where order 2 is 0.3 % off. Its forces need eight times as many points for the same error. In
-// space order 2 costs more than it gives.
+// space the cost of order 2 exceeds its benefit.
 static bool asks_order_two(Deck &deck) {
    const Section *geometry = deck.single("geometry");
    if (!plane_gauss(deck) || !geometry || deck.value("approximation", "order") ||
@@ -70,9 +70,9 @@ static bool asks_order_two(Deck &deck) {
    return false;
 }
 
-// Such a basis takes a wider and smoother kernel: with support 2.5 and the cubic spline it has
-// motions near corners that two Gauss points hardly resist. Where a wall of the tube meets a plane
-// of symmetry they put the stress 20 % off, at any number of points.
+// Such a basis needs a wider and smoother kernel: with support 2.5 and the cubic spline there are
+// modes near corners that two Gauss points hardly resist. Where a wall of the tube meets a plane of
+// symmetry they put the stress 20 % off, at any number of points.
 static bool plane_quadratic(Deck &deck) {
    const Value *order = deck.value("approximation", "order");
    if (deck.value("approximation", "support"))
@@ -80,7 +80,7 @@ static bool plane_quadratic(Deck &deck) {
    return plane_gauss(deck) && (order ? order->integer == 2 : deck.facts.count("order_two"));
 }
 
-// States before full load are wanted where somebody else's numbers are given for them
+// States before full load are needed if reference values are given for them
 static bool compares_on_the_way(Deck &deck) {
    const Value *full = deck.value("load", "activation");
    for (const Section *reference : deck.entries("reference")) {
@@ -103,9 +103,9 @@ void put_default(Section &section, const std::string &key, Value value) {
    section.values[key] = std::move(value);
 }
 
-// Lengths of a body along the directions of its lattice; none where they are not known
+// Lengths of a body along the directions of its lattice; empty if they are unknown
 static std::vector<double> lengths(const Section &geometry) {
-   // what was complained about says nothing
+   // refused values give no information
    if (geometry.text("kind") == "model" || !geometry.refused.empty())
       return {};
    if (geometry.text("kind") == "annulus") {
@@ -123,8 +123,8 @@ static std::vector<double> lengths(const Section &geometry) {
    return found;
 }
 
-// Source points that nobody chose: cells about as long in all directions, an even number of them,
-// since pairs share their pressures; a plate has no more in all than a bar
+// Default source points: cells of about equal lengths in all directions, an even number of them,
+// since pairs share their pressures; a plate has no more in total than a bar
 static bool first_points(Section &geometry, int dimension) {
    const std::vector<double> size = lengths(geometry);
    if (size.empty() || size.size() != std::size_t(dimension) || geometry.find("source"))
@@ -150,8 +150,8 @@ static bool first_points(Section &geometry, int dimension) {
    return true;
 }
 
-// Sides of a box at which motions along them are prescribed, and those which meet them and are
-// neither clamped nor planes of symmetry: stress is singular along their common edges
+// Sides of a box at which motions along them are prescribed, and adjacent sides that are neither
+// clamped nor planes of symmetry: stress is singular along their common edges
 static std::vector<std::string> singular_sides(Deck &deck, std::size_t dimension) {
    const std::string axes = "xyz";
    std::set<std::string> clamped, guided;
@@ -182,7 +182,7 @@ static std::vector<std::string> singular_sides(Deck &deck, std::size_t dimension
    return {sides.begin(), sides.end()};
 }
 
-// Twice as many places of output, or of equations, as cells
+// Twice as many output points, or points of equations, as cells
 static void first_places(Section &geometry) {
    const Value *source = geometry.find("source");
    if (!source || geometry.find("collocation") || !geometry.refused.empty())
@@ -193,7 +193,7 @@ static void first_places(Section &geometry) {
    put_default(geometry, "collocation", {places, geometry.origin});
 }
 
-// The table of the search: of decks that ask for an error, and of those whose points nobody chose
+// The table of the search: for decks that ask for an error, and for those with default points
 static void ask_for_error(Deck &deck, bool chosen_here) {
    if (deck.entries("refine").empty()) {
       const Value *asked = deck.value("", "accuracy");
@@ -212,9 +212,9 @@ static void ask_for_error(Deck &deck, bool chosen_here) {
       put_default(refine, "accuracy", Value(usual_accuracy));
 }
 
-// Whether source points on the sides hold prescribed displacements. Tangents that are not factorised
-// need the penalty on sides, tendons and pressures have it, and a deck that sets its size asks for it.
-// Part of a side ends between two points: the penalty holds it to its border.
+// Whether source points on the sides can carry prescribed displacements. Not if the penalty is
+// needed (unfactorised tangents), used (tendons, pressures) or set in the deck. The border of a
+// part of a side lies between two points: only the penalty resolves it.
 static bool can_hold(Deck &deck) {
    if (deck.value("galerkin", "penalty") || deck.value("galerkin", "direct_limit"))
       return false;
@@ -231,7 +231,7 @@ static bool can_hold(Deck &deck) {
    });
 }
 
-// Points that nobody chose are searched for where a search is possible
+// Default points are improved by a search if one is possible
 static void choose_points(Deck &deck) {
    const std::vector<Section *> bodies = deck.entries("geometry");
    if (bodies.empty() || bodies.front()->refused.count("kind"))
@@ -241,14 +241,14 @@ static void choose_points(Deck &deck) {
    const bool gauss = deck.word("scene", "method") == "rkpm-gauss";
    const bool nonlinear = gauss && !deck.single("linear");
    Section &body = *bodies.front();
-   // an interface inside the body needs points there as well
+   // an interface inside the body needs refinement there as well
    if (chosen_here && nonlinear && body.text("kind") == "box" && !body.given("graded") &&
        deck.entries("material").size() == 1) {
       const std::vector<std::string> sides =
           singular_sides(deck, body.find("source")->items.size());
       put_default(body, "graded", {sides, body.origin});
    }
-   // a known solution, or a stable time step, belongs to points that somebody chose
+   // with a known solution, or a stable time step, the default points are not searched
    const bool searched = chosen_here && gauss && !deck.entries("probe").empty() &&
                          !deck.value("linear", "exact") && !deck.single("dynamics");
    if (searched && nonlinear && can_hold(deck))
@@ -257,7 +257,7 @@ static void choose_points(Deck &deck) {
 }
 
 void choose_form(Deck &deck) {
-   // what conditions say of decks that are not linear
+   // for conditions of nonlinear decks
    if (!deck.single("linear"))
       deck.facts["linear.problem"] = "none";
    const std::vector<Section *> scenes = deck.entries("scene");
@@ -269,12 +269,12 @@ void choose_form(Deck &deck) {
    if (const Value *given = scene.find("method"))
       method = *given;
    if (method.text.empty() || method.text == "auto")
-      // Gauss points need cells between source points, of a lattice or of voxels; nodal cells do not
+      // Gauss points need cells between source points (lattice, voxels); nodal cells do not
       method.text = deck.single("geometry") ? "rkpm-gauss" : "rkpm-scni";
    if (method.text == "rkpm")
       method.text = "rkpm-scni";
    scene.values["method"] = method;
-   // which may add a table, and moves the others
+   // this may add a table, which moves the others
    choose_points(deck);
    if (asks_order_two(deck))
       deck.facts["order_two"] = "true";
@@ -288,7 +288,7 @@ void choose_title(Deck &deck) {
    Section &top = deck.sections.front();
    if (top.given("title"))
       return;
-   // a file may be called what no text of a deck can be
+   // a file name may contain characters that a text of a deck must not
    const std::string stem = std::filesystem::path(deck.name).stem().string();
    std::optional<Value> title = parse_value("'''" + stem + "'''");
    if (!title || is_blank(title->text))

@@ -10,7 +10,7 @@ static std::string trim(const std::string &text) {
    return text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
 }
 
-// A TOML value where it is one; a plain word, or anything for a key of type text, stands for itself
+// A TOML value if it is one; a plain word, or anything for a key of type text, is kept verbatim
 static Value read_value(const std::string &text, const KeySpec &key) {
    std::optional<Value> value = parse_value(text);
    const bool wants_text =
@@ -20,8 +20,8 @@ static Value read_value(const std::string &text, const KeySpec &key) {
    return Value(text);
 }
 
-// The section an override speaks of: a table of that name (added where the deck lacks it), the
-// first entry of an array of tables, or the entry named (or counted) in between
+// The section to which an override refers: a table of that name (added if the deck lacks it), the
+// first entry of an array of tables, or the entry whose name (or number) is given in between
 static Section *find_section(Deck &deck, const Origin &origin, const std::string &address,
                              const TableSpec &spec, const std::string &middle) {
    std::vector<Section *> entries = deck.entries(spec.name);
@@ -57,7 +57,7 @@ static Section *find_section(Deck &deck, const Origin &origin, const std::string
    return nullptr;
 }
 
-// The section and the key that an address speaks of; nothing, and a complaint, where there are none
+// The section and the key of an address; if there are none, nothing and a complaint
 static std::pair<Section *, const KeySpec *> find_key(Deck &deck, const Origin &origin,
                                                       const std::string &address) {
    const std::size_t first = address.find('.'), last = address.rfind('.');

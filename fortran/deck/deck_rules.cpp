@@ -1,5 +1,5 @@
-// What depends on more than the schema can say and can be checked without points. What follows from
-// the values, and all that needs points, is Fortran's (solve/).
+// Rules that the schema cannot express and that can be checked without points. Rules about derived
+// values, and all that need points, are checked in Fortran (solve/).
 #include "deck.h"
 #include "expression.h"
 
@@ -28,7 +28,7 @@ static void check_materials(Deck &deck) {
    }
 }
 
-// The plate at the end of a tendon moves as nothing else says
+// The motion of the plate at the end of a tendon is not prescribed by another key
 static void check_tendon(Deck &deck, Section &section) {
    const Value *direction = section.find("tendon") ? section.find("direction") : nullptr;
    if (!direction)
@@ -69,7 +69,7 @@ static void check_amplitudes(Deck &deck) {
    }
 }
 
-// A quantity of a body or a material, at no place
+// A quantity of a body or a material, not of a position
 static bool of_whole_body(const std::string &quantity) {
    return quantity == "energy" || quantity == "fiber_stretch" || quantity == "pennation";
 }
@@ -77,7 +77,7 @@ static bool of_whole_body(const std::string &quantity) {
 static void check_probes(Deck &deck) {
    const std::string method = deck.word("scene", "method");
    const bool weak = method.compare(0, 4, "rkpm") == 0, linear = deck.single("linear");
-   // collocation knows forces from virtual work, which does not know sources and inertia
+   // collocation computes forces from virtual work, which lacks sources and inertia
    const bool lacks_work =
       linear && method == "rkcm" && (deck.value("linear", "source") || deck.single("dynamics"));
    for (Section *probe : deck.entries("probe")) {
@@ -102,7 +102,7 @@ static void check_probes(Deck &deck) {
    }
 }
 
-// Values of a table that comes once, of which one bounds the other
+// Values of single tables, of which one bounds the other
 static void check_pairs(Deck &deck) {
    const Value *inner = deck.value("geometry", "inner_radius"),
                *outer = deck.value("geometry", "outer_radius");
@@ -117,7 +117,7 @@ static void check_pairs(Deck &deck) {
                   "must be a whole number of time steps of " + step->plain() + ", not " + end->plain());
 }
 
-// A probe must have what an exact solution or a reference is compared with
+// A probe needs the data with which an exact solution or a reference is compared
 static void check_compared(Deck &deck) {
    std::multimap<std::string, const Section *> probes;
    for (const Section *probe : deck.entries("probe"))

@@ -1,4 +1,4 @@
-// Texts of messages, and the hash that names a deck.
+// Texts of messages, and the hash that identifies a deck.
 #include "deck.h"
 
 #include <algorithm>
@@ -46,7 +46,7 @@ std::string escaped(const std::string &text) {
 std::string shown(const std::string &word) {
    constexpr std::size_t longest = 200;
    std::size_t end = std::min(word.size(), longest);
-   // not within a character of UTF-8
+   // do not cut within a character of UTF-8
    while (end < word.size() && end > 0 && (static_cast<unsigned char>(word[end]) & 0xc0) == 0x80)
       --end;
    return escaped(word.substr(0, end)) + (end < word.size() ? "..." : "");
@@ -83,7 +83,7 @@ static std::size_t distance(const std::string &a, const std::string &b) {
 
 std::string suggest(const std::string &word, const std::vector<std::string> &known,
                     const std::string &otherwise) {
-   // a word much longer than all known ones resembles none
+   // a word much longer than all known ones resembles none of them
    constexpr std::size_t longest = 200;
    std::vector<std::string> best;
    std::size_t nearest = word.size() < 2 ? 0 : std::max<std::size_t>(1, word.size() / 3);
@@ -103,7 +103,7 @@ std::string suggest(const std::string &word, const std::vector<std::string> &kno
       return "; did you mean " + join(best, " or ") + "?";
    if (otherwise.empty() || known.empty())
       return "";
-   // names of a deck may be many
+   // a deck may have many names
    constexpr std::size_t most = 100;
    if (known.size() > most)
       return "; " + otherwise + " " + join({known.begin(), known.begin() + most}, ", ") + " and " +

@@ -3,8 +3,8 @@
 
 #define TOML_HEADER_ONLY 1
 #define TOML_EXCEPTIONS 0
-// toml++ 3.3 asserts what a wrong deck can break, such as a line that is only "[[", and with NDEBUG
-// assumes it, which is undefined. Behind the assertion comes its own check, which gives an error.
+// toml++ 3.3 asserts what an invalid deck can violate, such as a line "[[", and with NDEBUG assumes
+// it, which is undefined. Its own check after the assertion gives an error.
 #undef NDEBUG
 #define TOML_ASSERT(condition) static_cast<void>(0)
 #include <toml++/toml.h>
@@ -55,7 +55,7 @@ static void read_table(Deck &deck, const TableSpec &spec, const toml::key &key,
                        const toml::node &node) {
    const std::string one = "[" + spec.name + "]", many = "[[" + spec.name + "]]";
    const toml::array *array = node.as_array();
-   // none of several is an array too
+   // an array of tables given without any is an array too
    const bool tables =
        array && (array->is_array_of_tables() || (spec.many && array->empty()));
    auto add = [&](const toml::node &entry, int index) {

@@ -1,4 +1,4 @@
-// Expressions by muParser, compiled once for each text and thread, and tapes of energies.
+// Expressions by muParser, compiled once per text and thread, and tapes of energies.
 #include "expression.h"
 
 #include <algorithm>
@@ -18,7 +18,7 @@
 
 namespace rk {
 
-// Compiled expressions that a thread keeps
+// Maximum number of compiled expressions stored by a thread
 constexpr std::size_t most_kept = 256;
 
 constexpr std::size_t name_count = 9;
@@ -70,14 +70,14 @@ static std::string known(const mu::Parser &parser, const std::vector<std::string
    return list;
 }
 
-// What is seen before the parser reads a text; "" where it may read
+// Faults that are detected before the parser reads a text; "" if there are none
 static std::string first_fault(const std::string &text) {
    const auto at = [](std::size_t position) {
       return " at position " + std::to_string(position);
    };
    if (text.find('"') != std::string::npos)
       return "is not an expression: a text in quotes" + at(text.find('"'));
-   // a single = would set a name
+   // a single = would assign to a name
    static const std::regex single("(^|[^=!<>])=(?!=)");
    std::smatch found;
    if (std::regex_search(text, found, single))
@@ -86,7 +86,7 @@ static std::string first_fault(const std::string &text) {
    return "";
 }
 
-// What a parser found wrong, with the names that it knows where it met another one
+// Fault found by a parser, with the known names if it met an unknown one
 static std::string parser_fault(const mu::Parser::exception_type &fault, const std::string &known_words) {
    const bool unknown = fault.GetCode() == mu::ecUNASSIGNABLE_TOKEN;
    return "is not an expression: " + fault.GetMsg() + (unknown ? " Names are " + known_words : "");
@@ -113,7 +113,7 @@ const std::vector<std::string> &energy_names() {
    return names;
 }
 
-// ---- energies: the parser evaluates numbers of values, and each operation is written down ----------
+// ---- energies: the parser evaluates indices of values, and each operation is recorded ----------
 
 // Operations, in the order of their numbers in rk_tape.f90
 enum Operation {
@@ -134,7 +134,7 @@ static double record(int operation, double left, double right, double number = 0
 template <int operation> double of_two(double a, double b) { return record(operation, a, b); }
 template <int operation> double of_one(double a) { return record(operation, a, -1); }
 
-// A number as it is written
+// A number literal
 static int literal(const char *text, int *position, double *value) {
    const char *const end = text + std::strlen(text);
    double number = 0.0;
@@ -207,11 +207,11 @@ Tape energy_tape(const std::string &text, const std::vector<std::string> &consta
 std::string names_in(const std::string &text) {
    std::string found = " ";
    try {
-      Compiled compiled(text, expression_names()); // the names live as long as the parser
+      Compiled compiled(text, expression_names()); // the names must live as long as the parser
       for (const auto &used : compiled.parser.GetUsedVar())
          found += used.first + " ";
    } catch (const mu::Parser::exception_type &) {
-      // the check of the deck says why it is none
+      // the check of the deck reports the fault
       return "";
    }
    return found;
@@ -224,8 +224,8 @@ using Kept = std::unordered_map<std::string, std::unique_ptr<Compiled>>;
 
 extern "C" {
 
-// Value of an expression where its names have these values: compiled when it is asked for the first
-// time; not a number where it is none
+// Value of an expression for these values of its names, compiled on first use; NaN if it is not an
+// expression
 double rk_expression_value(const char *text, const double *values) {
    thread_local rk::Kept kept;
    try {
@@ -248,8 +248,8 @@ const char *rk_expression_names(const char *text) {
    return names.c_str();
 }
 
-// Tape of an energy with constants whose names have blanks between, of `most` values at most; why it
-// has none, or ""
+// Tape of an energy, whose constants have names separated by blanks, with `most` values at most;
+// returns the fault, or ""
 const char *rk_energy_tape(const char *text, const char *constants, int most, int *count, int *operation,
                            int *left, int *right, double *number, int *result) {
    thread_local std::string fault;

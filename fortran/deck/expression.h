@@ -1,5 +1,5 @@
-// Expressions in coordinates or invariants, as decks hold them: numbers, names, arithmetic, comparisons
-// and functions; nothing that could act on anything.
+// Expressions in coordinates or invariants, as in decks: numbers, names, arithmetic, comparisons
+// and functions; none of them has side effects.
 #pragma once
 
 #include <string>
@@ -7,26 +7,26 @@
 
 namespace rk {
 
-// Names of the values that an expression may be asked for, in the order in which they come
+// Names of the values that an expression may use, in the order of the values passed
 const std::vector<std::string> &expression_names();
 
 // Why a text is not an expression in these names and functions of one value, with the place of the
-// mistake; "" where it is one
+// error; "" if it is one
 std::string expression_fault(const std::string &text, const std::vector<std::string> &names);
 
-// The names that occur in an expression, each with blanks around it; "" where it is none
+// The names that occur in an expression, each with blanks around it; "" if it is not an expression
 std::string names_in(const std::string &text);
 
-// Operations of an energy in the order in which they are computed. A value has no operation where it
-// is a name or a number, otherwise one on one or two values before it
+// Operations of an energy in the order in which they are computed. A value that is a name or a
+// number has no operation, any other has one on one or two values before it
 struct Tape {
-   std::vector<int> operation, left, right; // numbers of values from 0, -1 where there is none
+   std::vector<int> operation, left, right; // indices of values from 0, -1 if there is none
    std::vector<double> number;
    int result = -1;
-   std::string fault; // why the text is not an expression; "" where it is one
+   std::string fault; // why the text is not an expression; "" if it is one
 };
 
-// Names of what an energy depends on: the first values of its tape, before its constants
+// Names of the variables of an energy: the first values of its tape, before its constants
 const std::vector<std::string> &energy_names();
 
 Tape energy_tape(const std::string &text, const std::vector<std::string> &constants);

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 TYPES = ("text", "integer", "number", "boolean", "texts", "integers", "numbers")
-#: Attributes that the reader knows as well, in the order of the members of TableSpec and KeySpec
+# Attributes that the C++ reader also uses, in the order of the members of TableSpec and KeySpec
 TABLE_MEMBERS = (
     "name", "many", "required", "named_by", "not_beside", "most", "needed_by", "at_least",
     "only_if", "keys",
@@ -30,16 +30,16 @@ KEY_MEMBERS = (
 )  # fmt: skip
 TABLE_ATTRIBUTES = {*TABLE_MEMBERS, "about", "example", "record"} - {"name"}
 KEY_ATTRIBUTES = {*KEY_MEMBERS, "default", "help", "unit"} - {"name", "default_toml"}
-#: Entries of an array of tables, where it does not say itself
+# Default maximum number of entries of an array of tables
 MOST_ENTRIES = 1000
-#: Names that may stand in an expression beside pi
+# Names that may occur in an expression in addition to pi
 EXPRESSIONS = {
     "place": "x, y, z, r, theta",
     "surface": "x, y, z, r, theta and the outward normal nx, ny, nz",
     "time": "x, y, z, r, theta and in `[dynamics]` the time t",
     "energy": "I1, I2, I4, activation and the constants",
 }
-#: What deck_form.cpp finds out beside the form, for conditions, in words of the reference
+# Facts that deck_form.cpp derives besides the form, for conditions, in words for the reference
 FACTS = {
     "order_two": "a plane `rkpm-gauss` scene with neither order nor support, of an annulus with 3 "
     "points or more each way or with a probe of a stress on the surface",
@@ -81,7 +81,7 @@ def read_schema(path: Path) -> dict[str, dict[str, Any]]:
 
 
 def check(tables: dict[str, dict[str, Any]]) -> None:
-    """Refuse a schema with words that are not known here, or with keys that nobody explains."""
+    """Refuse a schema with unknown words, or with keys without an explanation."""
     wrong = []
     for name, table in tables.items():
         wrong += [f"[{name}]: {word}" for word in table.keys() - TABLE_ATTRIBUTES]
@@ -121,7 +121,7 @@ def check(tables: dict[str, dict[str, Any]]) -> None:
 # ---- C++ ---------------------------------------------------------------------------------------
 
 
-#: Lengths that depend on the deck
+# Lengths given by the deck
 LENGTHS = {"dimension": "dimension_length", "unknowns": "unknowns_length"}
 
 
@@ -140,17 +140,17 @@ def cpp(value: object) -> str:
 
 
 def as_texts(values: list[Any]) -> list[str]:
-    """Values as they stand in messages."""
+    """Write values as in messages."""
     return [str(value) for value in values]
 
 
 def conditions(wanted: dict[str, list[Any]]) -> dict[str, list[str]]:
-    """Conditions with the values as texts."""
+    """Return the conditions with the values as texts."""
     return {key: as_texts(values) for key, values in wanted.items()}
 
 
 def initialiser(members: tuple[str, ...], spec: dict[str, Any], own: dict[str, str]) -> str:
-    """Initialiser of a structure: members from a table of the schema, some by the caller."""
+    """Initialiser of a structure: members from a table of the schema, some given by the caller."""
     texts = {word: cpp(value) for word, value in spec.items() if word in members} | own
     return "{" + ", ".join(f".{word} = {texts[word]}" for word in members if word in texts) + "}"
 
@@ -179,7 +179,7 @@ def cpp_key(name: str, spec: dict[str, Any]) -> str:
 
 
 def most(table: dict[str, Any]) -> int:
-    """How often a table may stand in a deck."""
+    """State how often a table may occur in a deck."""
     return table.get("most", MOST_ENTRIES) if table.get("many") else 1
 
 
@@ -198,7 +198,7 @@ def cpp_table(tables: dict[str, dict[str, Any]]) -> str:
 
 # ---- Fortran -----------------------------------------------------------------------------------
 
-#: Components by the types of keys
+# Fortran components by type of key
 COMPONENTS = {
     "text": "character(len=:), allocatable :: {}",
     "integer": "integer :: {} = 0",
@@ -213,7 +213,7 @@ COMPONENTS = {
 
 
 def component(spec: dict[str, Any]) -> str:
-    """Key of COMPONENTS; empty where a value needs more than a look at its key."""
+    """Return the key of COMPONENTS; empty for values that depend on more than their key."""
     kind = str(spec["type"])
     if "or_number" in spec:
         return ""
@@ -225,7 +225,7 @@ def component(spec: dict[str, Any]) -> str:
 
 
 def records(tables: dict[str, dict[str, Any]], frame: str) -> str:
-    """Types with the plain values of tables with `record`, and their readers, in their module."""
+    """Write the module of the types of tables with `record`, and of their readers."""
     types, readers = [], []
     for name, table in tables.items():
         if not table.get("record"):
@@ -252,7 +252,7 @@ def records(tables: dict[str, dict[str, Any]], frame: str) -> str:
 
 
 def main(arguments: list[str]) -> None:
-    """Do what the command line says."""
+    """Run the command line."""
     if len(arguments) == 3 and arguments[0] == "--table":
         Path(arguments[2]).write_text(cpp_table(read_schema(Path(arguments[1]))), encoding="utf-8")
     elif len(arguments) == 4 and arguments[0] == "--records":

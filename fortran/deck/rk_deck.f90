@@ -1,7 +1,7 @@
 !> The input deck: values by key, checked and filled with the defaults of the schema.
 !>
 !> Keys are "table.key", for an array of tables "table.1.key" with the entry's number. The TOML
-!> parser and all checks are C++ (deck.h); what is kept here are plain values and their places.
+!> parser and all checks are C++ (deck.h); plain values and their places are stored here.
 module rk_deck
    use, intrinsic :: iso_c_binding, only : c_char, c_double, c_f_pointer, c_int, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
@@ -17,7 +17,7 @@ module rk_deck
    !> Longest key, and longest word of an array of texts
    integer, parameter :: word_length = 32
 
-   !> Kinds of entries, as deck_c.cpp counts them
+   !> Kinds of entries, numbered as in deck_c.cpp
    integer, parameter :: other = 0, is_text = 1, is_list = 2
 
    !> A table, or a key with its value
@@ -28,7 +28,7 @@ module rk_deck
       character(len=:), allocatable :: where
       !> Key as a user would write it, "material.fat.K"
       character(len=:), allocatable :: address
-      !> Value of a text; of texts, a line each
+      !> Value of a text; for several texts, one per line
       character(len=:), allocatable :: text
       !> Values of numbers
       real(wp), allocatable :: numbers(:)
@@ -38,30 +38,30 @@ module rk_deck
 
    !> A checked deck
    type :: deck_type
-      !> Name of the file, as it was asked for
+      !> Name of the file, as given by the user
       character(len=:), allocatable :: path
       !> Folder of the file; relative paths of the deck start there
       character(len=:), allocatable :: folder
-      !> The file, as it is
+      !> Text of the file, unchanged
       character(len=:), allocatable :: text
       !> SHA-256 of the text; overrides are added as lines "--set key=value"
       character(len=:), allocatable :: sha256
       !> All values, a JSON object
       character(len=:), allocatable :: json
-      !> In the order of their keys
+      !> Entries in the order of their keys
       type(entry_type), allocatable, private :: entry(:)
-      !> Overrides, a line each
+      !> Overrides, one per line
       character(len=:), allocatable :: overrides
    contains
       procedure :: has, given, count => count_entries
       procedure :: complain, locate
-      !> Is the value a text (where a number is possible as well)?
+      !> Whether the value is a text (where a number is possible as well)
       procedure :: is_text => value_is_text
-      !> Value of a key. Without one a number or an expression stays what it was; texts
-      !> and arrays come empty. The integer of a name is the number of the entry that has it.
+      !> Value of a key. Without one a number or an expression is unchanged; texts and arrays are
+      !> empty. The integer of a name is the number of the entry that has it.
       generic :: get => get_integer, get_real, get_text, get_reals, get_integers, get_texts, &
          & get_expression, get_value, get_values
-      !> First components of a vector; without a value it stays what it was
+      !> First components of a vector, which keeps its values if the deck has none
       procedure :: get_vector
       procedure :: vary
       procedure, private :: get_integer, get_real, get_text, get_reals, get_integers, get_texts, &
@@ -69,14 +69,14 @@ module rk_deck
       procedure, private :: find
    end type deck_type
 
-   !> An entry as deck_c.cpp has it; all pointers live until rk_deck_close
+   !> An entry as in deck_c.cpp; all pointers are valid until rk_deck_close
    type, bind(c) :: entry_view
       type(c_ptr) :: key, where, address, text, numbers
-      !> How many numbers; kind
+      !> Number of numbers; kind
       integer(c_int) :: count, kind
    end type entry_view
 
-   !> A deck as deck_c.cpp has it, to which its handle points
+   !> A deck as in deck_c.cpp, to which its handle points
    type, bind(c) :: deck_view
       type(c_ptr) :: message, name, text, sha256, folder, json, full_key, entries
       integer(c_int) :: count, status
@@ -97,16 +97,16 @@ module rk_deck
 
 contains
 
-!> Read and check a deck, in a file or in memory; the error has all complaints, a line each
+!> Read and check a deck, in a file or in memory; the error lists all complaints, one per line
 subroutine open_deck(deck, path, text, overrides, command, error)
    type(deck_type), intent(out) :: deck
    !> File, or the name of the text for messages
    character(len=*), intent(in) :: path
-   !> The deck; blank for that of the file
+   !> Text of the deck; blank to read the file
    character(len=*), intent(in) :: text
    !> "table.key=value" each; blank ones are ignored
    character(len=*), intent(in) :: overrides(:)
-   !> Command whose tables must be there, as in the schema's needed_by; blank for none
+   !> Command whose tables are required, as in the schema's needed_by; blank for none
    character(len=*), intent(in) :: command
    type(error_type), allocatable, intent(out) :: error
 
@@ -119,9 +119,9 @@ function opened(path, text, overrides, command, key) result(handle)
    !> File, or the name of the text
    character(len=*), intent(in) :: path
    character(len=*), intent(in) :: text
-   !> Overrides, a line each
+   !> Overrides, one per line
    character(len=*), intent(in) :: overrides
-   !> Command whose tables must be there, and key whose full name is wanted; blank for none
+   !> Command whose tables are required, and key whose full name is requested; blank for none
    character(len=*), intent(in) :: command, key
    type(c_ptr) :: handle
 
@@ -134,7 +134,7 @@ end function opened
 subroutine resolve_key(path, text, overrides, key, full, error)
    !> File, or the name for messages
    character(len=*), intent(in) :: path
-   !> The deck; blank for that of the file
+   !> Text of the deck; blank to read the file
    character(len=*), intent(in) :: text
    !> "table.key=value" each; blank ones are ignored
    character(len=*), intent(in) :: overrides(:)
@@ -154,10 +154,10 @@ subroutine resolve_key(path, text, overrides, key, full, error)
    call rk_deck_close(handle)
 end subroutine resolve_key
 
-!> The same deck with further overrides, which go before those it has
+!> The same deck with further overrides, which are inserted before its own
 subroutine vary(self, overrides, other, error)
    class(deck_type), intent(in) :: self
-   !> "table.key=value", a line each
+   !> "table.key=value", one per line
    character(len=*), intent(in) :: overrides
    type(deck_type), intent(out) :: other
    type(error_type), allocatable, intent(out) :: error
@@ -185,7 +185,7 @@ pure function joined(list) result(lines)
    end do
 end function joined
 
-!> Copy everything out of the C++ object and drop that
+!> Copy all data of the C++ object and delete it
 subroutine take(deck, handle, error)
    type(deck_type), intent(inout) :: deck
    !> C++ object
@@ -219,7 +219,7 @@ subroutine take(deck, handle, error)
    call rk_deck_close(handle)
 end subroutine take
 
-!> Number of the entry with a key, 0 without
+!> Number of the entry with a key, 0 if there is none
 pure function find(self, key) result(number)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -241,7 +241,7 @@ pure function find(self, key) result(number)
    if (self%entry(first)%key == key) number = first
 end function find
 
-!> Is there a value for a key, or a table?
+!> Whether a key has a value, or a table exists
 pure function has(self, key) result(yes)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -250,7 +250,7 @@ pure function has(self, key) result(yes)
    yes = self%count(key) > 0
 end function has
 
-!> Did somebody write a key in the deck, or as an override?
+!> Whether a key is given in the deck or by an override
 pure function given(self, key) result(yes)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -262,7 +262,7 @@ pure function given(self, key) result(yes)
    if (yes) yes = self%entry(number)%where /= ''
 end function given
 
-!> Number of entries of an array of tables; 1 for anything else that is there, 0 for what is not
+!> Number of entries of an array of tables; 1 for any other existing item, 0 for a missing one
 pure function count_entries(self, key) result(number)
    class(deck_type), intent(in) :: self
    !> Name of the array of tables
@@ -277,7 +277,7 @@ pure function count_entries(self, key) result(number)
    if (self%entry(found)%kind == is_list) number = nint(self%entry(found)%numbers(1))
 end function count_entries
 
-!> Number of the entry of a key, or else of its table, if it was written; 0 otherwise
+!> Number of the entry of a key, or else of its table, if it is given; 0 otherwise
 pure recursive function written(self, key) result(number)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -293,7 +293,7 @@ pure recursive function written(self, key) result(number)
    if (dot > 1) number = written(self, key(:dot - 1))
 end function written
 
-!> Where a key was written; for one that was not, its table or the file
+!> Place where a key was written; for a key that was not, that of its table or the file
 subroutine get_place(self, key, place)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -305,7 +305,7 @@ subroutine get_place(self, key, place)
    if (number > 0) place = self%entry(number)%where
 end subroutine get_place
 
-!> Where a key was written and its name, as messages begin
+!> Place where a key was written and its name, as at the start of messages
 subroutine cite(self, key, text)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -325,11 +325,11 @@ subroutine cite(self, key, text)
    text = place//': '//text
 end subroutine cite
 
-!> Complain about a key. The error grows by a line, so that a user sees all complaints at once
+!> Complain about a key. The error grows by a line, so that a user sees all complaints together
 subroutine complain(self, key, what, error)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> What is wrong, and what to do about it
+   !> The fault, and how to correct it
    character(len=*), intent(in) :: what
    !> Error so far, if any
    type(error_type), allocatable, intent(inout) :: error
@@ -341,7 +341,7 @@ subroutine complain(self, key, what, error)
    call fatal_error(error, err_input, lines//place//': '//what)
 end subroutine complain
 
-!> Say where the geometry stands that an error speaks of, unless the error does so itself
+!> Add the place of the geometry to an error about it, unless it has a place already
 subroutine locate(self, error)
    class(deck_type), intent(in) :: self
    !> Error, if any
@@ -354,7 +354,7 @@ subroutine locate(self, error)
    error%message = place//': '//error%message
 end subroutine locate
 
-!> Is the value of a key a text?
+!> Whether the value of a key is a text
 pure function value_is_text(self, key) result(yes)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
@@ -387,11 +387,11 @@ subroutine get_real(self, key, value)
    if (size(values) == 1) value = values(1)
 end subroutine get_real
 
-!> A vector
+!> Read a vector
 subroutine get_vector(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Its components, as many as the deck has
+   !> Its components, as many as given in the deck
    real(wp), intent(inout) :: value(:)
    real(wp), allocatable :: values(:)
 
@@ -416,11 +416,11 @@ subroutine get_value(self, key, value)
    call self%get(key, value%expression_type)
 end subroutine get_value
 
-!> An array of numbers and expressions
+!> Read an array of numbers and expressions
 subroutine get_values(self, key, value)
    class(deck_type), intent(in) :: self
    character(len=*), intent(in) :: key
-   !> Numbers, or expressions for all items where one of them is a text
+   !> Numbers, or expressions for all items if one of them is a text
    type(value_type), intent(inout) :: value(:)
    character(len=:), allocatable :: lines
    integer :: i

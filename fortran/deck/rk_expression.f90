@@ -1,8 +1,8 @@
-!> A value that is given as an expression in coordinates, as in `u_x = "0.1*sin(pi*x)"`, and
-!> energies as expressions in invariants.
+!> Values given as expressions in coordinates, as in `u_x = "0.1*sin(pi*x)"`, and energies as
+!> expressions in invariants.
 !>
-!> The deck's check has refused what is not an expression; muParser evaluates the others. Energies
-!> are differentiated, so they come as the operations of which they consist.
+!> Invalid expressions were refused by the check of the deck; muParser evaluates the others.
+!> Energies are differentiated, so they are passed as the operations of which they consist.
 module rk_expression
    use, intrinsic :: iso_c_binding, only : c_char, c_double, c_int, c_null_char, c_ptr
    use rk_cstring, only : to_fortran
@@ -14,36 +14,36 @@ module rk_expression
 
    public :: expression_type, value_type, tape_type, new_tape
 
-   !> Most values of a tape
+   !> Maximum number of values of a tape
    integer, parameter :: most = 400
 
    !> Operations of an energy, in the order in which they are computed. The first values are I1, I2,
    !> I4 and the activation, then the constants
    type :: tape_type
-      !> Operation that makes a value, 0 for names and numbers; the operations of rk_jets
+      !> Operation that computes a value, 0 for names and numbers; the operations of rk_jets
       integer, allocatable :: operation(:)
-      !> Values on which it acts, 0 for none
+      !> Values to which it is applied, 0 for none
       integer, allocatable :: left(:), right(:)
-      !> Value where there is no operation
+      !> Value if there is no operation
       real(wp), allocatable :: number(:)
-      !> Which value is the energy
+      !> Number of the value that is the energy
       integer :: result = 0
    end type tape_type
 
    !> An expression in x, y, z, r, theta, the time t and the outward normal nx, ny, nz
    type :: expression_type
-      !> As it was written; not allocated where no expression was given
+      !> Its text; not allocated if no expression was given
       character(len=:), allocatable :: text
-      !> Where it was written, and its key, for messages
+      !> Place where it was written, and its key, for messages
       character(len=:), allocatable :: where
    contains
       procedure :: given
       procedure :: at => value_at, gradient, uses
    end type expression_type
 
-   !> A number, or an expression in its place
+   !> A number, or an expression instead
    type, extends(expression_type) :: value_type
-      !> The number, of no meaning beside an expression
+      !> The number, not used if there is an expression
       real(wp) :: number = 0.0_wp
    contains
       procedure :: acts, at => number_at
@@ -80,7 +80,7 @@ elemental logical function given(self)
    given = allocated(self%text)
 end function given
 
-!> Whether a name is part of it, such as t, the time
+!> Whether a name occurs in it, such as t, the time
 logical function uses(self, name)
    class(expression_type), intent(in) :: self
    character(len=*), intent(in) :: name
@@ -89,14 +89,14 @@ logical function uses(self, name)
    if (self%given()) uses = index(to_fortran(c_names(self%text//c_null_char)), ' '//name//' ') > 0
 end function uses
 
-!> Value at a place
+!> Value at a position
 subroutine value_at(self, x, value, error, time, normal)
    class(expression_type), intent(in) :: self
    real(wp), intent(in) :: x(:)
    real(wp), intent(out) :: value
-   !> Error handling: not finite there
+   !> Error handling: value not finite
    type(error_type), allocatable, intent(inout) :: error
-   !> Time, 0 without
+   !> Time, 0 if absent
    real(wp), intent(in), optional :: time
    !> Outward unit normal, shape (nd) [-]
    real(wp), intent(in), optional :: normal(:)
@@ -112,7 +112,7 @@ subroutine value_at(self, x, value, error, time, normal)
       & //to_text(x))
 end subroutine value_at
 
-!> Value at a place, the number where there is no expression
+!> Value at a position: that of the expression, or the number if there is none
 subroutine number_at(self, x, value, error, time, normal)
    class(value_type), intent(in) :: self
    real(wp), intent(in) :: x(:)
@@ -125,17 +125,17 @@ subroutine number_at(self, x, value, error, time, normal)
    if (self%given()) call self%expression_type%at(x, value, error, time, normal)
 end subroutine number_at
 
-!> Whether it is other than zero, at some place
+!> Whether the value may be nonzero at some position
 elemental logical function acts(self)
    class(value_type), intent(in) :: self
 
    acts = allocated(self%text) .or. abs(self%number) > 0.0_wp
 end function acts
 
-!> Coordinates of a place, also r and theta
+!> Coordinates of a position, including r and theta
 pure subroutine set_place(x, place)
    real(wp), intent(in) :: x(:)
-   !> All that may occur, of which the coordinates are set, shape (9)
+   !> All variables, of which the coordinates are set, shape (9)
    real(wp), intent(inout) :: place(9)
 
    place(:size(x)) = x
@@ -145,15 +145,15 @@ pure subroutine set_place(x, place)
    end if
 end subroutine set_place
 
-!> First derivatives at a place, by differences of sixth order on both sides of it
+!> First derivatives at a position, by sixth-order central differences
 subroutine gradient(self, x, step, slope, error, time)
    class(expression_type), intent(in) :: self
    real(wp), intent(in) :: x(:)
-   !> Distance of the values, small against the lengths over which they vary [length]
+   !> Distance of the difference points, small against the lengths over which it varies [length]
    real(wp), intent(in) :: step
    !> Derivatives, shape (nd) [1/length]
    real(wp), intent(out) :: slope(:)
-   !> Error handling: not finite near there
+   !> Error handling: values not finite nearby
    type(error_type), allocatable, intent(inout) :: error
    real(wp), intent(in), optional :: time
    real(wp), parameter :: weight(3) = [45.0_wp, -9.0_wp, 1.0_wp]/60.0_wp
@@ -180,7 +180,7 @@ subroutine new_tape(tape, text, constants, values, fault)
    character(len=*), intent(in) :: constants
    !> Their values, shape (n)
    real(wp), intent(in) :: values(:)
-   !> Why it is not an expression; not allocated where it is one
+   !> Why it is not an expression; not allocated if it is one
    character(len=:), allocatable, intent(out) :: fault
    integer(c_int), dimension(most) :: operation, left, right
    integer(c_int) :: n, result

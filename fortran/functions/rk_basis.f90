@@ -24,7 +24,7 @@ pure integer function basis_size(nd, order)
    end do
 end function basis_size
 
-!> Number of a second derivative among value, first and second derivatives in the order
+!> Position of a second derivative in the list of value, first and second derivatives
 !> 1; 1, 2, 3; 11, 12, 13, 22, 23, 33
 pure integer function second_index(nd, a, b)
    !> Space dimension, 1..3
@@ -60,7 +60,7 @@ pure subroutine basis_powers(nd, order, powers)
    end do
 end subroutine basis_powers
 
-!> Monomials at one place with first and second derivatives
+!> Monomials at one position with first and second derivatives
 pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
    !> Space dimension, 1..3
    integer, intent(in) :: nd
@@ -75,8 +75,7 @@ pure subroutine monomials(nd, order, powers, x, scale, h, dh, ddh)
    real(wp), intent(out) :: h(:)
    !> First derivatives with respect to x, shape (n, nd) [1/length]
    real(wp), intent(out) :: dh(:, :)
-   !> Second derivatives in the order of second_index, shape (n, nd(nd+1)/2), or none of them
-   !> [1/length^2]
+   !> Second derivatives in the order of second_index, shape (n, nd(nd+1)/2), or size 0 [1/length^2]
    real(wp), intent(out) :: ddh(:, :)
    ! value, first and second derivative of each power of each coordinate
    real(wp) :: p(0:max_order, 0:2, 3), q

@@ -23,7 +23,7 @@ pure subroutine gauss_rule(x, w)
    n = size(x)
    do i = 1, n
       z = cos(pi*(n - i + 0.75_wp)/(n + 0.5_wp))
-      ! Newton's iteration converges quadratically from here: six steps are more than enough
+      ! Newton's iteration converges quadratically from this start: six steps are more than enough
       do trial = 1, 6
          call legendre(n, z, p, dp)
          z = z - p/dp

@@ -22,8 +22,8 @@ module rk_kernel
    integer, parameter :: window_product = 1
    !> Window of the scaled distance: ellipsoidal support
    integer, parameter :: window_radial = 2
-   !> Product of windows of radius and angle about the origin, in the plane: supports turn with the
-   !> angle, so that lattices in radius and angle see splines of both
+   !> Product of windows in radius and angle about the origin, in the plane: supports turn with the
+   !> angle, so that on polar lattices the windows are splines of radius and angle
    integer, parameter :: window_polar = 3
 
 contains
@@ -74,7 +74,7 @@ pure subroutine spline(kernel, z, w, w1z, w2)
    end select
 end subroutine spline
 
-!> Window of one source point at one place with gradient and second derivatives
+!> Window of one source point at one position with gradient and second derivatives
 pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
    !> One of the kernel_* constants
    integer, intent(in) :: kernel
@@ -82,7 +82,7 @@ pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
    integer, intent(in) :: shape
    !> Space dimension, 1..3
    integer, intent(in) :: nd
-   !> Place minus source point, shape (nd) [length]
+   !> Position minus source point, shape (nd) [length]
    real(wp), intent(in) :: r(:)
    !> Support of the source point in each direction, shape (nd) [length]
    real(wp), intent(in) :: a(:)
@@ -90,7 +90,7 @@ pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
    real(wp), intent(out) :: phi
    !> Gradient, shape (nd) [1/length]
    real(wp), intent(out) :: dphi(:)
-   !> Second derivatives, shape (nd, nd), or none of them [1/length^2]
+   !> Second derivatives, shape (nd, nd), or size 0 [1/length^2]
    real(wp), intent(out) :: ddphi(:, :)
    real(wp) :: w(3), d(3), dd(3), g(3), z, w1z, w2, other
    logical :: seconds
@@ -137,19 +137,19 @@ pure subroutine window(kernel, shape, nd, r, a, phi, dphi, ddphi)
    end if
 end subroutine window
 
-!> Window of radius and angle of one source point at one place with gradient and second derivatives
+!> Window in radius and angle of one source point, with gradient and second derivatives
 pure subroutine polar_window(kernel, x, source, a, phi, dphi, ddphi)
    !> One of the kernel_* constants
    integer, intent(in) :: kernel
-   !> Place and source point, not at the origin, shape (2) [length]
+   !> Position and source point, not at the origin, shape (2) [length]
    real(wp), intent(in) :: x(:), source(:)
-   !> Support of the source point, radial and along its circle, shape (2) [length]
+   !> Support of the source point, radial and circumferential, shape (2) [length]
    real(wp), intent(in) :: a(:)
    !> Value [-]
    real(wp), intent(out) :: phi
    !> Gradient, shape (2) [1/length]
    real(wp), intent(out) :: dphi(:)
-   !> Second derivatives, shape (2, 2), or none of them [1/length^2]
+   !> Second derivatives, shape (2, 2), or size 0 [1/length^2]
    real(wp), intent(out) :: ddphi(:, :)
    real(wp) :: d(2), dd(size(ddphi, 1), size(ddphi, 2)), e(2), t(2), radius, own, angle
    integer :: j

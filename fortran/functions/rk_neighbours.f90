@@ -1,5 +1,5 @@
-!> Which source points cover which places: cell lists, any cloud, support per source point and
-!> direction.
+!> Search for the source points that cover given positions: cell lists, any cloud, one support per
+!> source point and direction.
 module rk_neighbours
    use rk_csr, only : csr_type, group_by, sort
    use rk_error, only : error_type, fatal_error, err_input
@@ -18,24 +18,24 @@ module rk_neighbours
       type(csr_type) :: member
    end type boxes_type
 
-   !> Points on the rim of a support, where the window vanishes, stay out whatever their rounding
+   !> Points on the rim of a support, where the window vanishes, are excluded despite rounding
    real(wp), parameter :: inside = 1.0_wp - 1.0e-12_wp
-   !> Distances that differ by less than this share of the spacing of points are the same
+   !> Distances that differ by less than this part of the point spacing count as equal
    real(wp), parameter :: same = 1.0e-6_wp
-   !> Points that may be nearest to one place, the corners of a cell of a lattice
+   !> Maximum number of points nearest to one position: the corners of a cell of a lattice
    integer, parameter :: most_ties = 8
 
 contains
 
-!> Neighbours of all places
+!> Find the neighbours of all positions
 subroutine find_neighbours(self, source, support, place, window, error)
-   !> Source points of each place, ascending
+   !> Source points that cover each position, ascending
    type(csr_type), intent(out) :: self
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
    !> Support of each source point, shape (nd, ns), > 0 [length]
    real(wp), intent(in) :: support(:, :)
-   !> Places, shape (nd, np) [length]
+   !> Positions, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
    !> One of the window_* constants
    integer, intent(in) :: window
@@ -57,7 +57,7 @@ subroutine find_neighbours(self, source, support, place, window, error)
 
    allocate (self%offset(size(place, 2) + 1))
    self%offset(1) = 0
-   ! threads keep what they find until all is counted; the second loop gives them the same places
+   ! threads keep their results until all are counted; the second loop has the same distribution
    !$omp parallel default(none) private(ip, n, used, own) &
    !$omp shared(self, cells, source, support, place, window)
    used = 0
@@ -88,10 +88,10 @@ subroutine find_neighbours(self, source, support, place, window, error)
    !$omp end parallel
 end subroutine find_neighbours
 
-!> Make room for twice as many numbers
+!> Double the length of a list
 pure subroutine lengthen(list, used)
    integer, allocatable, intent(inout) :: list(:)
-   !> Numbers that are kept
+   !> Number of entries that are kept
    integer(i8), intent(in) :: used
    integer, allocatable :: longer(:)
 
@@ -100,11 +100,11 @@ pure subroutine lengthen(list, used)
    call move_alloc(longer, list)
 end subroutine lengthen
 
-!> Number of the point nearest to each place, of equally near ones the most central, shape (places)
+!> Index of the point nearest to each position, the most central of equals, shape (places)
 function nearest_points(point, place) result(nearest)
    !> Points, at least one, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
-   !> Places, shape (nd, places) [length]
+   !> Positions, shape (nd, places) [length]
    real(wp), intent(in) :: place(:, :)
    integer :: nearest(size(place, 2))
    integer, allocatable :: near(:, :)
@@ -113,11 +113,11 @@ function nearest_points(point, place) result(nearest)
    nearest = most_central_of(point, near)
 end function nearest_points
 
-!> The most central of each place's points, shape (places)
+!> The most central of the points given for each position, shape (places)
 function most_central_of(point, near) result(chosen)
    !> Points, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
-   !> Numbers of some for each place, at least one, 0 behind them, shape (:, places)
+   !> Indices of some points for each position, at least one, padded with 0, shape (:, places)
    integer, intent(in) :: near(:, :)
    integer :: chosen(size(near, 2))
    real(wp) :: middle(size(point, 1)), slack
@@ -132,13 +132,13 @@ function most_central_of(point, near) result(chosen)
    end do
 end function most_central_of
 
-!> Of some points the one nearest to the middle of all, and of these the lowest in x, in y, in z: a
-!> choice between equals that hangs neither on their order nor on where the body lies, and seldom on
-!> its handedness
+!> Of some points, choose the one nearest to the centre of all, and of these the lowest in x, in y,
+!> in z: a choice between equals that depends neither on their order nor on the position of the
+!> body, and seldom on its handedness
 pure integer function first_among(point, among, middle, slack)
    real(wp), intent(in) :: point(:, :)
    integer, intent(in) :: among(:)
-   !> Middle of all points, shape (nd), and distances that are the same [length]
+   !> Centre of all points, shape (nd), and distance below which they are equal [length]
    real(wp), intent(in) :: middle(:), slack
    real(wp) :: away(size(among))
    integer, allocatable :: left(:)
@@ -152,7 +152,7 @@ pure integer function first_among(point, among, middle, slack)
    first_among = left(1)
 end function first_among
 
-!> Middle of the box around points, shape (nd) [length]
+!> Centre of the bounding box of points, shape (nd) [length]
 pure function middle_of(point) result(middle)
    real(wp), intent(in) :: point(:, :)
    real(wp) :: middle(size(point, 1))
@@ -160,7 +160,7 @@ pure function middle_of(point) result(middle)
    middle = 0.5_wp*(maxval(point, dim=2) + minval(point, dim=2))
 end function middle_of
 
-!> Spacing of points, if they were a lattice [length]
+!> Spacing of the points if they formed a lattice [length]
 pure real(wp) function spacing_of(point)
    real(wp), intent(in) :: point(:, :)
 
@@ -168,13 +168,13 @@ pure real(wp) function spacing_of(point)
       & /real(size(point, 2), wp)**(1.0_wp/size(point, 1)), tiny(1.0_wp))
 end function spacing_of
 
-!> Numbers of the points nearest to each place, several where these are equally near
+!> Indices of the points nearest to each position; several where these are equally near
 subroutine all_nearest(point, place, near)
    !> Points, at least one, shape (nd, np) [length]
    real(wp), intent(in) :: point(:, :)
-   !> Places, shape (nd, places) [length]
+   !> Positions, shape (nd, places) [length]
    real(wp), intent(in) :: place(:, :)
-   !> Numbers ascending, 0 behind them, shape (most_ties, places)
+   !> Indices, ascending, padded with 0, shape (most_ties, places)
    integer, allocatable, intent(out) :: near(:, :)
    type(csr_type) :: within
    type(error_type), allocatable :: error
@@ -184,7 +184,7 @@ subroutine all_nearest(point, place, near)
    integer :: i, n
 
    slack = same*spacing_of(point)
-   ! of a body that fills its box each point has so much
+   ! share of each point in the bounding box, as an edge length
    radius = product(max(maxval(point, dim=2) - minval(point, dim=2), 4.0_wp*slack) &
       & /real(size(point, 2), wp)**(1.0_wp/size(point, 1)))**(1.0_wp/size(point, 1))
    allocate (near(most_ties, size(place, 2)), source=0)
@@ -209,10 +209,10 @@ subroutine all_nearest(point, place, near)
 
 contains
 
-   !> Those of some points that are nearest to a place; none where one beyond the radius may be as
-   !> near
+   !> Those of some points that are nearest to a position; none if a point beyond the radius may be
+   !> equally near
    pure function nearest_of(x, among) result(nearest)
-      !> Place, shape (nd) [length]
+      !> Position, shape (nd) [length]
       real(wp), intent(in) :: x(:)
       integer, intent(in) :: among(:)
       integer, allocatable :: nearest(:)
@@ -234,7 +234,7 @@ subroutine fill_cells(cells, source, support)
    integer :: cell(size(source, 2)), d, is, nd, most
 
    nd = size(source, 1)
-   ! a few wide cells are enough when supports are small or points far apart
+   ! a few wide cells suffice when supports are small or points far apart
    most = nint(real(8*size(source, 2), wp)**(1.0_wp/nd))
    do d = 1, nd
       cells%low(d) = minval(source(d, :))
@@ -249,12 +249,12 @@ subroutine fill_cells(cells, source, support)
    call group_by(product(cells%n), cell, cells%member)
 end subroutine fill_cells
 
-!> Cell coordinates of a place or one beside it, clipped to the grid
+!> Cell coordinates of a position, or of a cell beside it, clipped to the grid
 pure function cell_index(cells, x, way) result(c)
    type(boxes_type), intent(in) :: cells
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Cells to go from there along each axis
+   !> Number of cells to move along each axis
    integer, intent(in) :: way
    integer :: c(3)
    integer :: d
@@ -275,7 +275,7 @@ pure integer function cell_of(cells, c)
    cell_of = c(1) + cells%n(1)*(c(2) - 1 + cells%n(2)*(c(3) - 1))
 end function cell_of
 
-!> Source points that cover a place
+!> Find the source points that cover a position
 pure subroutine search(cells, source, support, x, window, n, found)
    type(boxes_type), intent(in) :: cells
    real(wp), intent(in) :: source(:, :)
@@ -284,7 +284,7 @@ pure subroutine search(cells, source, support, x, window, n, found)
    integer, intent(in) :: window
    !> Number of neighbours
    integer, intent(out) :: n
-   !> Neighbours, first n
+   !> Neighbours, the first n entries
    integer, intent(inout) :: found(:)
    real(wp) :: square
    integer :: lo(3), hi(3), i, j, k, d, cell, nd
@@ -301,7 +301,7 @@ pure subroutine search(cells, source, support, x, window, n, found)
             do m = cells%member%offset(cell) + 1, cells%member%offset(cell + 1)
                associate (is => cells%member%index(m))
                   if (window == window_product) then
-                     ! most of them fall out at the first coordinate
+                     ! most are rejected by the first coordinate
                      do d = 1, nd
                         if (.not. abs(x(d) - source(d, is)) < inside*support(d, is)) exit
                      end do

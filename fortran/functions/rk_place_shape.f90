@@ -1,18 +1,18 @@
-!> Reproducing kernel shape functions at one place.
+!> Reproducing kernel shape functions at one position.
 !>
 !> The moment matrix is factorised once; its derivatives are never formed: the vectors M_,i b and
 !> M_,ij b are accumulated from the neighbours.
 !>
-!> Across a plane on which materials meet derivatives jump. Where it parts the neighbours of a place
-!> their distance from it, a ridge |x - c|, joins the basis, so that fields are reproduced that are
-!> linear on each side. A small number on the diagonal of its moment lets it fade where but distant
-!> neighbours lie beyond the plane. By windows of radius and angle planes are circles, and ridges
-!> |r - c|.
+!> Across a plane on which materials meet derivatives jump. Where such a plane separates the
+!> neighbours of a position, their distance from the plane, a ridge |x - c|, is added to the basis,
+!> so that fields that are linear on each side are reproduced. A small number on the diagonal of its
+!> moment makes it fade where only distant neighbours lie beyond the plane. With windows in radius
+!> and angle planes are replaced by circles, and ridges are |r - c|.
 !>
 !> References: thesis section 4.2.1 and equations (5.1)-(5.5);
 !>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824;
-!>             Fleming, Chu, Moran, Belytschko, Int. J. Numer. Meth. Engng 40 (1997) 1483-1504 (more
-!>             functions in the basis)
+!>             Fleming, Chu, Moran, Belytschko, Int. J. Numer. Meth. Engng 40 (1997) 1483-1504
+!>             (enriched basis)
 module rk_place_shape
    use rk_basis, only : monomials, second_index
    use rk_error, only : err_input, error_type, fatal_error
@@ -24,7 +24,7 @@ module rk_place_shape
 
    public :: approximation_type, new_approximation, shape_at_place, on_plane
 
-   !> Choice of the approximation
+   !> Parameters of the approximation
    type :: approximation_type
       !> Order of the basis, 0..6
       integer :: order
@@ -32,8 +32,8 @@ module rk_place_shape
       integer :: kernel
       !> One of the window_* constants
       integer :: window
-      !> Planes across which derivatives may jump: the axis across each, and its place [length]; of
-      !> a window of radius and angle circles: 1, and the radius; not allocated where there is none
+      !> Planes across which derivatives may jump: the axis across each, and its position [length];
+      !> for windows in radius and angle circles: 1, and the radius; not allocated if there are none
       integer, allocatable :: kink_axis(:)
       real(wp), allocatable :: kink(:)
    contains
@@ -42,11 +42,11 @@ module rk_place_shape
 
    !> A pivot below this share of the unit diagonal means a singular moment matrix
    real(wp), parameter :: pivot_min = 1.0e-13_wp
-   !> Places so near to a plane, in supports, spacings or groups of cells, lie on it, and have the
-   !> derivatives beyond it [-]
+   !> Positions this near to a plane, in supports, spacings or groups of cells, are taken to lie on
+   !> it, and have the derivatives of the side beyond it [-]
    real(wp), parameter :: on_plane = 1.0e-9_wp
-   !> What is added to the moment of a ridge over the kernel's largest value: beams and bars of two
-   !> materials are as near with a third and three times of it
+   !> Number added to the moment of a ridge, relative to the kernel's largest value: beams and bars
+   !> of two materials are as accurate with a third and three times of it
    real(wp), parameter :: fading = 6.0e-4_wp
 
 contains
@@ -66,12 +66,12 @@ subroutine new_approximation(self, order, kernel, window, error)
       & //"' or window '"//window//"' is unknown; available: quintic cubic; product radial polar")
 end subroutine new_approximation
 
-!> Coordinate of a place across a plane, or its radius across a circle [length]
+!> Coordinate of a position across a plane, or its radius for a circle [length]
 pure real(wp) function across(self, k, x)
    class(approximation_type), intent(in) :: self
    !> Plane
    integer, intent(in) :: k
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
 
    if (self%window == window_polar) then
@@ -81,7 +81,7 @@ pure real(wp) function across(self, k, x)
    end if
 end function across
 
-!> Shape functions of all neighbours at one place
+!> Shape functions of all neighbours at one position
 subroutine shape_at_place(approximation, powers, source, support, neighbours, x, value, singular)
    !> Order, kernel and window
    type(approximation_type), intent(in) :: approximation
@@ -93,9 +93,9 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    real(wp), intent(in) :: support(:, :)
    !> Neighbours, shape (n)
    integer, intent(in) :: neighbours(:)
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Value and derivatives, shape (nq, n); nq = 1 + nd for first ones only, 1 for none
+   !> Value and derivatives, shape (nq, n); nq = 1 + nd for first ones only, 1 for values only
    real(wp), intent(out) :: value(:, :)
    !> Whether the moment matrix is singular
    logical, intent(out) :: singular
@@ -120,7 +120,7 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    allocate (h(nb, n), dh(nb, nd, n), ddh(nb, seconds, n), w(nb))
    allocate (m(nb, nb), phi(n), dphi(nd, n), ddphi(nd, merge(nd, 0, seconds > 0), n))
    scale = maxval(support(:, neighbours), dim=2)
-   ! supports of radius and angle have no direction of their own
+   ! supports in radius and angle have no fixed directions in the plane
    if (approximation%window == window_polar) scale = maxval(scale)
 
    allocate (slope(nd, size(ridge)), bend(nd*(nd + 1)/2, size(ridge)), source=0.0_wp)
@@ -239,14 +239,14 @@ subroutine shape_at_place(approximation, powers, source, support, neighbours, x,
    end do
 end subroutine shape_at_place
 
-!> Planes that part the neighbours of a place
+!> Planes that separate the neighbours of a position
 pure function parting(approximation, source, support, neighbours) result(ridge)
    type(approximation_type), intent(in) :: approximation
    !> Source points and their supports, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :), support(:, :)
    !> Neighbours, shape (n)
    integer, intent(in) :: neighbours(:)
-   !> Numbers of the planes
+   !> Indices of the planes
    integer, allocatable :: ridge(:)
    real(wp) :: away(size(neighbours))
    integer :: i, k

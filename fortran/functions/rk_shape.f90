@@ -1,7 +1,7 @@
 !> Reproducing kernel shape functions with first and second derivatives.
 !>
-!> Places whose neighbours lie in the same relative positions share one evaluation and one copy of
-!> the values.
+!> Positions whose neighbours lie in the same relative positions share one evaluation and one copy
+!> of the values.
 !>
 !> References: thesis section 4.2.1 and equations (5.1)-(5.5);
 !>             Liu, Jun, Zhang, Int. J. Numer. Meth. Fluids 20 (1995), doi:10.1002/fld.1650200824
@@ -19,20 +19,20 @@ module rk_shape
 
    public :: approximation_type, new_approximation, shape_type, new_shape, derivative_count
 
-   !> Shape functions at places. Derivatives are counted: 1 value, then nd first derivatives, then
-   !> the nd(nd+1)/2 second derivatives in the order 11, 12, 13, 22, 23, 33.
+   !> Shape functions at given positions. Derivatives are numbered: 1 the value, then nd first
+   !> derivatives, then the nd(nd+1)/2 second derivatives in the order 11, 12, 13, 22, 23, 33.
    type :: shape_type
       !> Space dimension
       integer :: nd = 0
       !> Number of derivatives, value included
       integer :: nq = 0
-      !> Number of places
+      !> Number of positions
       integer :: np = 0
       !> Number of source points
       integer :: ns = 0
-      !> Source points that cover each place
+      !> Source points that cover each position
       type(csr_type) :: neighbour
-      !> Stencil of each place, shape (np)
+      !> Stencil of each position, shape (np)
       integer, allocatable :: stencil(:)
       !> Values of stencil s are value(:, first(s)+1 : first(s+1)), shape (stencils + 1)
       integer(i8), allocatable, private :: first(:)
@@ -46,10 +46,10 @@ module rk_shape
    !> Offsets over support are compared after rounding to 2**-44, far above rounding errors of
    !> grid coordinates and far below any spacing
    real(wp), parameter :: quantum = 2.0_wp**44
-   !> Numbers beside it are whole numbers
+   !> Adding this number rounds to a whole number
    real(wp), parameter :: whole = 1.5_wp*2.0_wp**52
 
-   !> More different coordinates than any basis needs
+   !> A number of different coordinates that exceeds the needs of any basis
    integer, parameter :: most_planes = 10
 
 contains
@@ -62,7 +62,7 @@ pure integer function derivative_count(nd)
    derivative_count = 1 + nd + nd*(nd + 1)/2
 end function derivative_count
 
-!> Evaluate all shape functions at all places
+!> Evaluate all shape functions at all positions
 subroutine new_shape(self, approximation, source, support, place, error, first, plain)
    type(shape_type), intent(out) :: self
    !> Order, kernel and window
@@ -71,12 +71,12 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
    real(wp), intent(in) :: source(:, :)
    !> Support of each source point, shape (nd, ns) [length]
    real(wp), intent(in) :: support(:, :)
-   !> Places, shape (nd, np) [length]
+   !> Positions, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
    type(error_type), allocatable, intent(out) :: error
-   !> First derivatives will do, which take a third of the time
+   !> First derivatives only, which take a third of the time
    logical, intent(in), optional :: first
-   !> Values will do
+   !> Values only
    logical, intent(in), optional :: plain
    integer, allocatable :: example(:), powers(:, :)
    logical, allocatable :: singular(:)
@@ -97,7 +97,7 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
       call find_neighbours(self%neighbour, polar(source), angular(source, support), polar(place), &
          & window_product, error)
       if (allocated(error)) return
-      ! supports along circles determine the radius as well
+      ! supports along circles also determine the radius
       call find_stencils(self, approximation, polar(source), support, polar(place), example)
    else
       call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
@@ -133,13 +133,13 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
    if (approximation%window == window_polar) call turn_stencils(self, place, example)
 end subroutine new_shape
 
-!> Give each place derivatives of its own: those of stencils of radius and angle turn with the place
+!> Give each position its own derivatives: those of polar stencils turn with the position
 subroutine turn_stencils(self, place, example)
-   !> Shape functions, of which places share stencils
+   !> Shape functions of positions that share stencils
    type(shape_type), intent(inout) :: self
-   !> Places, shape (2, np) [length]
+   !> Positions, shape (2, np) [length]
    real(wp), intent(in) :: place(:, :)
-   !> The place at which each stencil was evaluated, shape (stencils)
+   !> Position at which each stencil was evaluated, shape (stencils)
    integer, intent(in) :: example(:)
    real(wp), allocatable :: value(:, :)
    integer(i8), allocatable :: first(:)
@@ -168,13 +168,13 @@ subroutine turn_stencils(self, place, example)
    call move_alloc(first, self%first)
 end subroutine turn_stencils
 
-!> Value and derivatives in the plane after a turn of the function
+!> Value and derivatives in the plane after a rotation of the function
 pure subroutine turn(from, c, s, to)
-   !> Value, first and second derivatives, as many as there are, shape (nq)
+   !> Value, first and second derivatives, as far as given, shape (nq)
    real(wp), intent(in) :: from(:)
    !> Cosine and sine of the angle [-]
    real(wp), intent(in) :: c, s
-   !> The same after the turn, shape (nq)
+   !> The same after the rotation, shape (nq)
    real(wp), intent(out) :: to(:)
 
    to(1) = from(1)
@@ -186,19 +186,19 @@ pure subroutine turn(from, c, s, to)
    to(6) = s*s*from(4) + 2.0_wp*c*s*from(5) + c*c*from(6)
 end subroutine turn
 
-!> Number of neighbours of a place
+!> Number of neighbours of a position
 pure integer function shape_count(self, ip)
    class(shape_type), intent(in) :: self
-   !> Place
+   !> Index of the position
    integer, intent(in) :: ip
 
    shape_count = int(self%neighbour%offset(ip + 1) - self%neighbour%offset(ip))
 end function shape_count
 
-!> Neighbours of a place and their shape functions, as views that live as long as these do
+!> Neighbours of a position and their shape functions, as pointers that are valid as long as self
 subroutine shape_row(self, ip, nodes, values)
    class(shape_type), target, intent(in) :: self
-   !> Place
+   !> Index of the position
    integer, intent(in) :: ip
    !> Source points that cover it, ascending, shape (n)
    integer, pointer, contiguous, intent(out) :: nodes(:)
@@ -211,10 +211,10 @@ subroutine shape_row(self, ip, nodes, values)
    end associate
 end subroutine shape_row
 
-!> Places that see each source point, and where its shape function there is kept
+!> Positions covered by each source point, and where its shape function there is stored
 subroutine shape_transposed(self, places, column)
    class(shape_type), intent(in) :: self
-   !> Places that see each source point
+   !> Positions covered by each source point
    type(csr_type), intent(out) :: places
    !> Its shape function there is value(:, column), shape (entries)
    integer(i8), allocatable, intent(out) :: column(:)
@@ -241,7 +241,7 @@ end function polar
 pure function angular(x, support) result(at)
    !> Points, shape (2, n) [length]
    real(wp), intent(in) :: x(:, :)
-   !> Supports, radial and along their circles, shape (2, n) [length]
+   !> Supports, radial and circumferential, shape (2, n) [length]
    real(wp), intent(in) :: support(:, :)
    real(wp) :: at(2, size(x, 2))
 
@@ -249,18 +249,18 @@ pure function angular(x, support) result(at)
    at(2, :) = support(2, :)/norm2(x, dim=1)
 end function angular
 
-!> Fields and derivatives at one place from coefficients at the source points
+!> Fields and derivatives at one position from coefficients at the source points
 pure subroutine interpolate(self, ip, x, first, last, field)
    class(shape_type), intent(in) :: self
-   !> Place
+   !> Index of the position
    integer, intent(in) :: ip
    !> Coefficients, field fastest, shape (fields*ns)
    real(wp), intent(in) :: x(:)
-   !> First and last derivative wanted
+   !> First and last derivative to be computed
    integer, intent(in) :: first, last
-   !> Value and derivatives of each field, zero where not wanted, shape (fields, nq)
+   !> Value and derivatives of each field, zero if not computed, shape (fields, nq)
    real(wp), intent(out) :: field(:, :)
-   !> Fields side by side, a number that the compiler knows
+   !> Fields stored side by side, a number known to the compiler
    integer, parameter :: wide = 4
    real(wp) :: sums(wide, size(field, 2)), u(wide)
    integer(i8) :: k, to_value
@@ -283,19 +283,19 @@ pure subroutine interpolate(self, ip, x, first, last, field)
    end do
 end subroutine interpolate
 
-!> Group places whose neighbours, and planes among them, lie in the same relative positions with the
-!> same supports
+!> Group positions whose neighbours, and the planes among them, have the same relative positions and
+!> the same supports
 subroutine find_stencils(self, approximation, source, support, place, example)
-   !> Shape functions with neighbours; the stencil of each place is set
+   !> Shape functions with neighbours; the stencil of each position is set
    type(shape_type), intent(inout) :: self
    type(approximation_type), intent(in) :: approximation
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
    !> Support, shape (nd, ns) [length]
    real(wp), intent(in) :: support(:, :)
-   !> Places, shape (nd, np) [length]
+   !> Positions, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
-   !> One place of each stencil, shape (stencils)
+   !> One position of each stencil, shape (stencils)
    integer, allocatable, intent(out) :: example(:)
    integer(i8), allocatable :: key(:)
    integer, allocatable :: table(:), found(:)
@@ -338,16 +338,16 @@ subroutine find_stencils(self, approximation, source, support, place, example)
 
 contains
 
-   !> Offset of a place from a neighbour in units of its support along an axis, as an integer
+   !> Offset of a position from a neighbour in units of its support along an axis, as an integer
    pure integer(i8) function offset(ip, is, d)
       integer, intent(in) :: ip, is, d
 
-      ! the sum is rounded to a whole number, whose bits are taken
+      ! the sum is rounded to a whole number, whose bits are used
       offset = transfer((place(d, ip) - source(d, is))/support(d, is)*quantum + whole, 0_i8)
    end function offset
 
-   !> Distance of a place from a plane over the largest support, as an integer; of all that its
-   !> neighbours cannot reach across the same
+   !> Distance of a position from a plane over the largest support, as an integer; the same for all
+   !> positions whose neighbours cannot reach across
    pure integer(i8) function distance(ip, kink)
       integer, intent(in) :: ip, kink
       real(wp) :: away
@@ -359,7 +359,7 @@ contains
       if (abs(away) >= 1.0_wp) distance = 0
    end function distance
 
-   !> Hash of the relative positions of a place's neighbours
+   !> Hash of the relative positions of the neighbours of a position
    pure integer(i8) function stencil_key(ip)
       integer, intent(in) :: ip
       integer(i8) :: q, k
@@ -384,7 +384,7 @@ contains
       end do
    end function stencil_key
 
-   !> Whether two places have the same stencil
+   !> Whether two positions have the same stencil
    pure logical function same_stencil(ip, jp)
       integer, intent(in) :: ip, jp
       integer(i8) :: k, shift
@@ -409,15 +409,15 @@ contains
 
 end subroutine find_stencils
 
-!> Name the place of a singular moment matrix and what would cure it
+!> Report the position of a singular moment matrix and a remedy
 subroutine singular_error(order, least, source, x, ip, n, error)
-   !> Order of the basis, and neighbours that it needs at least
+   !> Order of the basis, and minimum number of neighbours that it needs
    integer, intent(in) :: order, least
    !> Source points, shape (nd, ns) [length]
    real(wp), intent(in) :: source(:, :)
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Number of the place
+   !> Index of the position
    integer, intent(in) :: ip
    !> Number of its neighbours
    integer, intent(in) :: n
@@ -441,7 +441,7 @@ subroutine singular_error(order, least, source, x, ip, n, error)
       & //to_text(order)//' needs at least '//to_text(least)//'); '//cure)
 end subroutine singular_error
 
-!> Number of different coordinates, as far as a basis may need them
+!> Number of different coordinates, up to the maximum that a basis may need
 pure integer function planes(coordinate)
    !> Coordinates, shape (ns) [length]
    real(wp), intent(in) :: coordinate(:)

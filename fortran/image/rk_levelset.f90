@@ -1,11 +1,11 @@
 !> Active contours without edges for any number of level sets and channels.
 !>
-!> n level sets part an image into up to 2**n regions, even in each of N channels: energy (3.29),
-!> (4.3) with the means (4.5). One channel with one level set (3.11)-(3.15) or several (3.24), and
-!> several channels with one level set (3.25)-(3.28), are its cases. The steps are those of
-!> Appendix A with the neighbours of the previous iterate and with the other level sets of the
-!> previous iterate, so that the result knows no direction of sweeping and no order of the level
-!> sets. A step that would raise the energy is repeated with half the time step.
+!> n level sets divide an image into up to 2**n regions, which are uniform in each of N channels:
+!> energy (3.29), (4.3) with the means (4.5). Special cases are one channel with one level set
+!> (3.11)-(3.15) or several (3.24), and several channels with one level set (3.25)-(3.28). The steps
+!> are those of Appendix A with the neighbours and the other level sets of the previous iterate, so
+!> that the result depends neither on a direction of sweeping nor on the order of the level sets. A
+!> step that would raise the energy is repeated with half the time step.
 !>
 !> References: 1. Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291;
 !> 2. Vese, Chan, Int. J. Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076;
@@ -20,19 +20,19 @@ module rk_levelset
 
    public :: level_set_options, evolve_level_sets
 
-   !> Weights of the energy and steering of the iteration; the schema of decks has their defaults
+   !> Weights of the energy and parameters of the iteration; their defaults are in the deck schema
    type :: level_set_options
       !> Weight of the areas inside [-]
       real(wp) :: nu
       !> Width of the regularised step function, > 0 [-]
       real(wp) :: epsilon
-      !> Largest artificial time step, > 0 [-]
+      !> Maximum artificial time step, > 0 [-]
       real(wp) :: dt
       !> Pixel sizes, > 0 [-]
       real(wp) :: spacing(2)
-      !> Largest part of the voxels that may change their region in `window` iterations at rest [-]
+      !> Part of the voxels that may still change region in `window` iterations at convergence [-]
       real(wp) :: tolerance
-      !> Largest number of iterations
+      !> Maximum number of iterations
       integer :: iterations
       !> Weight of the length of each level set's contour, >= 0, shape (level sets) [-]
       real(wp), allocatable :: mu(:)
@@ -41,34 +41,34 @@ module rk_levelset
       real(wp), allocatable :: lambda(:, :)
    end type level_set_options
 
-   !> Why an evolution ended: iterations used up, regions at rest, no step lowers the energy
+   !> Why an evolution stopped: iterations used up, regions at rest, no step lowers the energy
    integer, parameter :: ended_at_limit = 0, ended_at_rest = 1, ended_lowest = 2
-   !> Iterations between two looks at the regions
+   !> Number of iterations between two checks of the regions
    integer, parameter :: window = 10
-   !> Halvings of the time step before the energy counts as lowest
+   !> Number of halvings of the time step after which the energy is taken as minimal
    integer, parameter :: halvings = 20
 
 contains
 
-!> Evolve the level sets of each slice until its regions rest
+!> Evolve the level sets of each slice until its regions come to rest
 subroutine evolve_level_sets(options, channels, weight, phi, energy, means, iterations, ended, &
    error)
    type(level_set_options), intent(in) :: options
    !> Values, shape (columns, rows, slices, channels) [-]
    real(wp), intent(in) :: channels(:, :, :, :)
-   !> Weights of the voxels' misfit, zero where they take no part, shape (columns, rows, slices)
+   !> Weights of the voxels' misfit, zero for voxels excluded, shape (columns, rows, slices)
    real(wp), intent(in) :: weight(:, :, :)
-   !> Level sets, shape (columns, rows, slices, level sets); first guess in, result out [-]
+   !> Level sets, shape (columns, rows, slices, level sets); initial guess in, result out [-]
    real(wp), intent(inout) :: phi(:, :, :, :)
    !> Energy (3.29) at the start and after each iteration, shape (options%iterations+1, slices);
    !> entries after the last iteration repeat the last one [-]
    real(wp), intent(out) :: energy(:, :)
-   !> Mean values, shape (channels, regions, slices); bit k of a region's number, both counted
-   !> from zero, is set where it lies inside of level set k + 1 [-]
+   !> Mean values, shape (channels, regions, slices); bit k of a region's number, both counted from
+   !> zero, is set if it lies inside level set k + 1 [-]
    real(wp), intent(out) :: means(:, :, :)
    !> Iterations done, shape (slices); 0 for a slice without voxels
    integer, intent(out) :: iterations(:)
-   !> Why each slice ended: one of the `ended_` constants, shape (slices)
+   !> Why each slice stopped: one of the `ended_` constants, shape (slices)
    integer, intent(out) :: ended(:)
    type(error_type), allocatable, intent(out) :: error
    integer :: k
@@ -112,7 +112,7 @@ subroutine evolve_slice(options, channels, weight, phi, energy, means, iteration
    !> One of the `ended_` constants
    integer, intent(out) :: ended
    type(grid_type) :: grid
-   !> Level sets and their step functions, shape (places, level sets), of two iterates in turn
+   !> Level sets and their step functions, shape (places, level sets), of two alternating iterates
    real(wp), allocatable :: level(:, :, :), inside(:, :, :)
    real(wp), pointer :: values(:, :), weights(:), image(:, :)
    logical, allocatable :: looked(:, :)
@@ -232,7 +232,7 @@ subroutine measure(options, grid, values, weights, phi, inside, means, energy)
       associate (part => sums(place), first => sums(place + 1:place + channels), &
          square => sums(place + 1 + channels:place + 2*channels), lambda => options%lambda)
          means(:, region) = first/max(part, tiny(1.0_wp))
-         ! sum of (u - c)^2 with the mean c, which makes it least
+         ! sum of (u - c)^2, which is smallest for the mean c
          energy = energy + sum(lambda(:, region)*(square - first*means(:, region)))/channels
       end associate
    end do

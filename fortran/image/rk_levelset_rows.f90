@@ -3,11 +3,11 @@
 !> A level set is positive inside (3.1). Its step is that of (3.21)-(3.23) with the curvature (3.3),
 !> and with the misfits (3.43) that of (3.42) without its distance term.
 !>
-!> Level sets lie in one padded array, so that a neighbour along either axis is a fixed step away.
-!> Signs of n level sets make 2**n combinations p; membership in one is the product over the bits
-!> of p of H (bit set: inside) or 1 - H, equation (3.19) for any n. Where fewer regions are wanted,
-!> the last combinations belong to the regions that differ in the highest bit, as for three regions
-!> in the reference.
+!> Level sets are stored in one padded array, so that a neighbour along either axis is at a fixed
+!> offset. The signs of n level sets give 2**n combinations p; membership in one is the product over
+!> the bits of p of H (bit set: inside) or 1 - H, equation (3.19) for any n. With fewer regions, the
+!> last combinations belong to the regions that differ in the highest bit, as for three regions in
+!> the reference.
 !>
 !> Reference: Li et al., IEEE Trans. Image Process. 20 (2011), doi:10.1109/TIP.2011.2146190, and
 !> those of rk_levelset; equation numbers are those of the thesis named in the README.
@@ -19,31 +19,31 @@ module rk_levelset_rows
 
    public :: grid_type, new_grid, advance_row, sum_row
 
-   !> Voxels of a row that take part
+   !> Voxels of a row that are included
    type :: row_type
-      !> First and last place in the padded arrays; last < first for an empty row
+      !> First and last index in the padded arrays; last < first for an empty row
       integer :: first, last
-      !> Place in the padded arrays less place in the image
+      !> Index in the padded arrays minus index in the image
       integer :: shift
    end type row_type
 
    !> Padded grid of a problem
    type :: grid_type
-      !> Places in the padded arrays
+      !> Size of the padded arrays
       integer :: places
-      !> Steps to the next voxel along each axis
+      !> Offset to the next voxel along each axis
       integer :: step(2)
       !> Voxel sizes [-]
       real(wp) :: spacing(2)
       !> Rows, shape (rows)
       type(row_type), allocatable :: rows(:)
-      !> One for voxels that take part, zero for others, shape (places) [-]
+      !> One for included voxels, zero for others, shape (places) [-]
       real(wp), allocatable :: part(:)
    end type grid_type
 
-   !> Smallest gradient that counts: keeps flat places from dividing by zero [1/length]
+   !> Smallest gradient, which avoids a division by zero in flat regions [1/length]
    real(wp), parameter :: flat = 1.0e-4_wp
-   !> Bounds of what is rooted in single precision: its squares stay normal numbers
+   !> Bounds of numbers whose roots are taken in single precision: their squares stay normal numbers
    real(wp), parameter :: least = 1.0e-30_wp, most = 1.0e30_wp
 
 contains
@@ -51,7 +51,7 @@ contains
 !> Lay out the padded grid of a slice
 subroutine new_grid(self, weight, spacing)
    type(grid_type), intent(out) :: self
-   !> Weight of each voxel, zero where it takes no part, shape (columns, rows) [-]
+   !> Weight of each voxel, zero if it is excluded, shape (columns, rows) [-]
    real(wp), intent(in) :: weight(:, :)
    !> Voxel sizes [-]
    real(wp), intent(in) :: spacing(2)
@@ -64,7 +64,7 @@ subroutine new_grid(self, weight, spacing)
    allocate (self%rows(n(2)))
    allocate (self%part(self%places), source=0.0_wp)
    do j = 1, n(2)
-      ! Place of the voxel before the first of the row
+      ! Index before the first voxel of the row
       place = 1 + j*self%step(2)
       self%rows(j) = row_type(place + n(1) + 1, place, place - n(1)*(j - 1))
       do i = 1, n(1)
@@ -96,7 +96,7 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, means, channels, 
    !> Level sets after, same shape; only the row is written [-]
    real(wp), intent(inout), contiguous :: new(:, :)
    real(wp), dimension(row%first:row%last) :: force, pull, drawn
-   ! One face more than voxels, so that the one behind a voxel is the one ahead of the last
+   ! One face more than voxels: the face behind a voxel is the one ahead of the voxel before
    real(wp) :: ahead(row%first - 1:row%last), behind(row%first - 1:row%last)
    real(wp) :: misfit(row%first:row%last, 0:size(lambda, 2) - 1), rate, scale
    ! Working space
@@ -121,7 +121,7 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, means, channels, 
 
    scale = dt*epsilon/pi
    do level = 1, size(old, 2)
-      ! (B.1), (B.2): what the regions outside cost more than those inside
+      ! (B.1), (B.2): cost of the regions outside minus that of the regions inside
       call contract(a, b, inside, level, misfit, tree, force)
       force = force - nu*grid%part(a:b)
 
@@ -150,7 +150,7 @@ subroutine advance_row(grid, row, mu, nu, epsilon, dt, lambda, means, channels, 
    end do
 end subroutine advance_row
 
-!> Squared length of a gradient, the mean of both sides of a voxel along each axis
+!> Squared length of a gradient, averaged over both sides of a voxel along each axis
 pure subroutine squared_slope(grid, a, b, values, square)
    type(grid_type), intent(in) :: grid
    integer, intent(in) :: a, b
@@ -173,7 +173,7 @@ pure subroutine squared_slope(grid, a, b, values, square)
    end do
 end subroutine squared_slope
 
-!> A row's part of the integrals behind means and energy: areas and lengths (3.4)-(3.6)
+!> Contribution of a row to the integrals of means and energy: areas and lengths (3.4)-(3.6)
 subroutine sum_row(grid, row, mu, nu, regions, channels, weight, inside, sums)
    type(grid_type), intent(in) :: grid
    type(row_type), intent(in) :: row
@@ -230,9 +230,9 @@ subroutine sum_row(grid, row, mu, nu, regions, channels, weight, inside, sums)
    end do
 end subroutine sum_row
 
-!> Region of a combination of signs: its number, less the highest bit where there is no such region
+!> Region of a combination of signs: its number, without the highest bit if there is no such region
 pure integer function region_of(combination, regions)
-   !> Number of the combination: bit k - 1 is set where it lies inside of level set k
+   !> Number of the combination: bit k - 1 is set if it lies inside level set k
    integer, intent(in) :: combination
    !> Number of regions, more than half of the combinations
    integer, intent(in) :: regions
@@ -244,7 +244,7 @@ pure integer function region_of(combination, regions)
    region_of = ibclr(combination, highest)
 end function region_of
 
-!> Memberships in all combinations of signs, (3.19), each level set doubling their number
+!> Memberships in all combinations of signs, (3.19); each level set doubles their number
 pure subroutine memberships(a, b, inside, member)
    integer, intent(in) :: a, b
    !> Step functions, shape (places, level sets) [-]
@@ -265,8 +265,8 @@ pure subroutine memberships(a, b, inside, member)
    end do
 end subroutine memberships
 
-!> What the regions outside of a level set cost more than those inside: the misfits averaged over
-!> the other level sets, each of which halves their number
+!> Cost of the regions outside a level set minus that of the regions inside: the misfits are
+!> averaged over the other level sets, each of which halves their number
 pure subroutine contract(a, b, inside, level, misfit, tree, force)
    integer, intent(in) :: a, b
    real(wp), intent(in), contiguous :: inside(:, :)
@@ -283,7 +283,7 @@ pure subroutine contract(a, b, inside, level, misfit, tree, force)
    do p = 0, 2**size(inside, 2) - 1
       tree(:, p) = misfit(:, region_of(p, size(misfit, 2)))
    end do
-   ! From the highest bit down; bits above the one that goes move down by one.
+   ! From the highest bit down; bits above the eliminated one move down by one.
    left = size(inside, 2)
    do other = size(inside, 2), 1, -1
       if (other == level) cycle
@@ -336,10 +336,10 @@ pure subroutine faces(grid, axis, a, b, phi, inverse)
    end associate
 end subroutine faces
 
-!> Inverse square roots of numbers that are not negative, to about 1e-14: in single precision,
-!> which is several times faster, with a step of Newton's method in double precision
+!> Inverse square roots of non-negative numbers, to about 1e-14: in single precision, which is
+!> several times faster, followed by a Newton step in double precision
 pure subroutine inverse_roots(numbers, roots)
-   !> Numbers; what lies outside of `least` and `most` counts as these [-]
+   !> Numbers; values outside `least` to `most` are clipped [-]
    real(wp), intent(in), contiguous :: numbers(:)
    !> One over their square roots, same shape [-]
    real(wp), intent(out), contiguous :: roots(:)
@@ -353,7 +353,7 @@ pure subroutine inverse_roots(numbers, roots)
    end do
 end subroutine inverse_roots
 
-!> Sum of products, in an order that depends on nothing but the length
+!> Sum of products, in an order that depends only on the length
 pure real(wp) function total(left, right)
    !> Factors, equal shapes [-]
    real(wp), intent(in), contiguous :: left(:), right(:)

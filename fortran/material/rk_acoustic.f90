@@ -1,9 +1,9 @@
 !> Strong ellipticity of a material at one state: the smallest eigenvalue of the acoustic tensor.
 !>
-!> For a direction N of the undeformed body Q_ik = C4_iAkB N_A N_B. Where one of its eigenvalues is
-!> not positive for some N, the equations of equilibrium lose their ellipticity: bands of
-!> localised strain cost nothing and the answer depends on the discretisation. A body that keeps
-!> its volume allows only motions across cof F N; there the eigenvalues of Q in that plane count.
+!> For a direction N of the undeformed body Q_ik = C4_iAkB N_A N_B. If one of its eigenvalues is not
+!> positive for some N, the equations of equilibrium lose ellipticity: bands of localised strain
+!> cost no energy and the solution depends on the discretisation. An incompressible body allows only
+!> motions normal to cof F N; there the eigenvalues of Q in that plane are used.
 !>
 !> Reference: Ogden, Non-Linear Elastic Deformations, Dover (1997), chapter 6;
 !>            Swinbank, Purser, Q. J. R. Meteorol. Soc. 132 (2006) 1769, doi:10.1256/qj.05.227,
@@ -16,15 +16,15 @@ module rk_acoustic
 
    public :: least_acoustic
 
-   !> Directions of the first search, about 0.3 apart on the half sphere and 0.2 in the plane
+   !> Directions of the first search, about 0.3 rad apart on the half sphere and 0.2 in the plane
    integer, parameter :: directions = 60, in_plane = 15
-   !> Refinements, each of two tries in the plane or four by a turn that is halved, in space
-   !> where none is better
+   !> Refinements: each tries two directions in the plane or four in space by a turn that is halved,
+   !> in space only if no direction is better
    integer, parameter :: refinements = 10
-   !> First turn of the refinement
+   !> First angle of the refinement
    real(wp), parameter :: first_turn = 0.15_wp
-   !> Eliminations of the motion that changes the volume: a fixed point of few, where its stiffness
-   !> is as many times the coupling beyond the others
+   !> Number of eliminations of the motion that changes the volume: few fixed-point steps suffice if
+   !> its stiffness exceeds the others by this multiple of the coupling
    integer, parameter :: eliminations = 3
    real(wp), parameter :: apart = 3.0_wp
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
@@ -42,13 +42,13 @@ contains
 
 !> Smallest eigenvalue of the acoustic tensor over all directions [stress]
 pure real(wp) function least_acoustic(nd, c4, cofactor, rigid) result(least)
-   !> Space dimension; in the plane directions and motions stay in it
+   !> Space dimension; in the plane directions and motions stay in the plane
    integer, intent(in) :: nd
    !> Tangent C4(i, A, k, B) [stress]
    real(wp), intent(in) :: c4(3, 3, 3, 3)
    !> Cofactors of F [-]
    real(wp), intent(in) :: cofactor(3, 3)
-   !> The volume is kept
+   !> The material is incompressible
    logical, intent(in) :: rigid
    real(wp) :: n(3), best(3), centre(3), side(3, 2), form(3, 3, 6), turn, value
    integer :: i, k
@@ -74,13 +74,13 @@ pure real(wp) function least_acoustic(nd, c4, cofactor, rigid) result(least)
          n = cos(turn)*centre - sin(turn)*side(:, i)
          call keep_better(n, least, best)
       end do
-      ! in the plane the least value lies within a turn of the best of three directions
+      ! in the plane the minimum lies within one turn of the best of three directions
       if (nd == 2 .or. .not. least < value) turn = 0.5_wp*turn
    end do
 
 contains
 
-   !> Keep a direction that is better
+   !> Keep a direction if it is better
    pure subroutine keep_better(direction, least_value, its_direction)
       real(wp), intent(in) :: direction(3)
       real(wp), intent(inout) :: least_value, its_direction(3)
@@ -93,12 +93,12 @@ contains
 
 end function least_acoustic
 
-!> Two unit vectors across a direction
+!> Two unit vectors normal to a direction
 pure subroutine sides_of(n, nd, side)
    !> Unit vector
    real(wp), intent(in) :: n(3)
    integer, intent(in) :: nd
-   !> Unit vectors; in the plane only the first counts
+   !> Unit vectors; in the plane only the first one is used
    real(wp), intent(out) :: side(3, 2)
 
    if (nd == 2) then
@@ -111,11 +111,11 @@ pure subroutine sides_of(n, nd, side)
    side(:, 2) = vector_product(n, side(:, 1))
 end subroutine sides_of
 
-!> Q(i, k) as a form in the products 11, 22, 33, 23, 13, 12 of a direction's components
+!> Q(i, k) as a linear form in the products 11, 22, 33, 23, 13, 12 of a direction's components
 pure function products_form(c4) result(form)
    !> Tangent [stress]
    real(wp), intent(in) :: c4(3, 3, 3, 3)
-   !> Factors of the products [stress]
+   !> Coefficients of the products [stress]
    real(wp) :: form(3, 3, 6)
    integer :: a
 
@@ -129,15 +129,15 @@ end function products_form
 
 !> Smallest eigenvalue of the acoustic tensor of one direction [stress]
 pure real(wp) function smallest(nd, form, n, m, rigid)
-   !> Space dimension; in the plane one motion keeps the volume
+   !> Space dimension; in the plane one motion preserves the volume
    integer, intent(in) :: nd
-   !> Acoustic tensor by the products of a direction's components [stress]
+   !> Acoustic tensor, as coefficients of the products of a direction's components [stress]
    real(wp), intent(in) :: form(3, 3, 6)
    !> Direction, unit vector
    real(wp), intent(in) :: n(3)
    !> Direction of the motions that change the volume, of any length
    real(wp), intent(in) :: m(3)
-   !> There are no such motions
+   !> The material is incompressible, so that there are no such motions
    logical, intent(in) :: rigid
    real(wp) :: q(3, 3), image(3, 2), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
    real(wp) :: principal(3)
@@ -168,7 +168,7 @@ pure real(wp) function smallest(nd, form, n, m, rigid)
    c = dot_product(side(:, 2), image(:, 2))
    smallest = lower(a, b, c)
    if (rigid) return
-   ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
+   ! elimination preserves the digits of shear beside a bulk modulus 1e8 times as large
    stiff = dot_product(across, matmul(q, across))
    coupling = [(dot_product(across, image(:, i)), i=1, 2)]
    if (.not. stiff - smallest > apart*sqrt(dot_product(coupling, coupling))) then

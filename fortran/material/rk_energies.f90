@@ -1,5 +1,5 @@
-!> Energies of materials, by the names they have in decks. A new one is a type here and its rows in
-!> the schema.
+!> Energies of materials, by their names in decks. A new one needs a type here and its rows in the
+!> schema.
 !>
 !>     polynomial      W_r = sum A_ij (I1r - 3)^i (I2r - 3)^j,   1 <= i + j <= 3
 !>     neo-hookean     W_r = mu/2 (I1r - 3)                                    A10 = mu/2
@@ -8,12 +8,12 @@
 !>     muscle          polynomial matrix and fibers that carry and produce force,
 !>                     dW_f/dlambda* = sigma_max (activation f_active + f_passive)
 !>     energy          W_r as an expression in I1r, I2r, I4r, the activation and constants
-!>     gent, fung, holzapfel   expressions that have names
+!>     gent, fung, holzapfel   named expressions
 !>
-!> all with K/2 (J - 1)^2. Abaqus has the first three named ones, with K = 2/D1. In muscle,
-!> lambda* = lambda/lambda_o with lambda^2 = I4r, the reduced square of the fiber stretch; the
-!> energy of the fibers is counted from lambda* = 1. Fibers v and -v are the same; a fiber of zeros
-!> leaves the matrix alone.
+!> all with K/2 (J - 1)^2. Abaqus has the first three named ones, with K = 2/D1. In muscle, lambda*
+!> = lambda/lambda_o with lambda^2 = I4r, the reduced square of the fiber stretch; the energy of the
+!> fibers is zero at lambda* = 1. Fibers v and -v are the same; a zero fiber vector leaves only the
+!> matrix.
 !>
 !> References: thesis (4.34)-(4.36), (4.39), (5.37a);
 !>             Rivlin, Phil. Trans. R. Soc. A 240 (1948), doi:10.1098/rsta.1948.0002;
@@ -41,10 +41,10 @@ module rk_energies
 
    public :: muscle_type, new_material, polynomial_type
 
-   !> Keys whose numbers an expression may have as constants
+   !> Keys whose numbers may be constants of an expression
    character(len=*), parameter :: constants(7) = ['mu', 'C1', 'C2', 'C3', 'Jm', 'k1', 'k2']
 
-   !> Isotropic material, by all coefficients or by those of a named law
+   !> Isotropic material, given by all coefficients or by those of a named law
    type, extends(material_type) :: polynomial_type
       !> Coefficients A_ij, zero where i + j > 3 [stress]
       real(wp) :: a(0:3, 0:3) = 0.0_wp
@@ -75,13 +75,13 @@ module rk_energies
 
 contains
 
-!> Create a material from a table of a deck, which was checked by the schema
+!> Create a material from a table of a deck, which was checked against the schema
 subroutine new_material(material, deck, at, error)
    class(material_type), allocatable, intent(out) :: material
    type(deck_type), intent(in) :: deck
    !> The table, such as material.1
    character(len=*), intent(in) :: at
-   !> Error handling: a modulus that is not positive, what is no energy
+   !> Error handling: a modulus that is not positive, an expression that is not an energy
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: model
 
@@ -95,18 +95,18 @@ subroutine new_material(material, deck, at, error)
       allocate (polynomial_type :: material)
    end select
    call deck%get(at//'.name', material%name)
-   ! an infinite K keeps the volume
+   ! an infinite K makes the material incompressible
    call deck%get(at//'.K', material%bulk)
    call material%set(deck, at, error)
 end subroutine new_material
 
-!> Take the coefficients; set what follows from them
+!> Read the coefficients and derive the moduli from them
 subroutine set_polynomial(self, deck, at, error)
    class(polynomial_type), intent(inout) :: self
    type(deck_type), intent(in) :: deck
    character(len=*), intent(in) :: at
    type(error_type), allocatable, intent(out) :: error
-   !> Half the shear modulus in parameters, for messages
+   !> Half the shear modulus in terms of the parameters, for messages
    character(len=:), allocatable :: half, model
    integer :: i, j
 
@@ -171,7 +171,7 @@ pure subroutine polynomial_energy(self, state, order, w)
    end associate
 end subroutine polynomial_energy
 
-!> Take the parameters of the matrix and of the fibers
+!> Read the parameters of the matrix and of the fibers
 subroutine set_muscle(self, deck, at, error)
    class(muscle_type), intent(inout) :: self
    type(deck_type), intent(in) :: deck
@@ -200,7 +200,7 @@ pure subroutine muscle_energy(self, state, order, w)
    type(invariant_state), intent(in) :: state
    integer, intent(in) :: order
    type(energy_derivatives), intent(out) :: w
-   !> Integral of the force by lambda*, the force and its derivatives [-]
+   !> Integral of the force over lambda*, the force and its derivatives [-]
    real(wp) :: f(0:2), passive(0:2)
    !> lambda*, and d lambda*/d I4r = c/lambda* [-]
    real(wp) :: stretch, c
@@ -222,7 +222,7 @@ pure subroutine muscle_energy(self, state, order, w)
    w%second(kind_i4, kind_i4) = c**2*(f(2) - f(1)/stretch)/stretch**2
 end subroutine muscle_energy
 
-!> Take the expression and its constants, and look at it at rest
+!> Read the expression and its constants, and check it at rest
 subroutine set_written(self, deck, at, error)
    class(written_type), intent(inout) :: self
    type(deck_type), intent(in) :: deck

@@ -1,11 +1,11 @@
-!> Force of muscle fibers against their stretch: active and passive curves.
+!> Force of muscle fibers as a function of stretch: active and passive curves.
 !>
-!> A curve is a list of pieces between stretches. It is kept as its integral, a polynomial plus
-!> an exponential a piece, so that energy, force and the slopes of the force come from one place.
+!> A curve is a list of pieces between stretches. It is stored as its integral, one polynomial plus
+!> exponential per piece, so that energy, force and the slopes of the force are consistent.
 !>
 !> The published curves have kinks. The smooth ones replace the curve around each break by the
-!> polynomial of degree 7 that continues value and three derivatives on either side; the rows of
-!> the strong form take the second derivative of the force. Where a curve starts from zero, the
+!> polynomial of degree 7 that continues value and three derivatives on either side, since the rows
+!> of the strong form need the second derivative of the force. Where a curve starts from zero, the
 !> polynomial lies on the far side only, so that the curve stays zero where it was zero. With the
 !> default parameters they differ by less than 2 % of the peak.
 !>
@@ -25,10 +25,10 @@ module rk_fiber
    !> Largest number of pieces
    integer, parameter :: max_pieces = 9
 
-   !> Integral of a force by the stretch between two breaks: sum c(k) t^k + amplitude exp(rate t),
+   !> Integral of a force over the stretch between two breaks: sum c(k) t^k + amplitude exp(rate t),
    !> t = stretch - centre
    type :: piece_type
-      !> Stretch above which it holds [-]
+      !> Stretch above which the piece applies [-]
       real(wp) :: start = 0.0_wp
       !> Centre of the powers [-]
       real(wp) :: centre = 0.0_wp
@@ -40,7 +40,7 @@ module rk_fiber
       real(wp) :: rate = 1.0_wp
    end type piece_type
 
-   !> Integral of a force by the stretch, piece by piece
+   !> Integral of a force over the stretch, piece by piece
    type :: curve_type
       private
       !> Number of pieces
@@ -52,7 +52,7 @@ contains
 
 !> Active force (4.38), zero outside [0.4, 1.6]
 pure function active_curve(smooth) result(curve)
-   !> Smooth or as published?
+   !> Smooth, or else as published
    logical, intent(in) :: smooth
    type(curve_type) :: curve
    type(piece_type) :: branch(5)
@@ -66,7 +66,7 @@ end function active_curve
 
 !> Passive force (4.37), the third branch continuing value and slope of the second
 pure function passive_curve(smooth, gamma1, gamma2) result(curve)
-   !> Smooth or as published?
+   !> Smooth, or else as published
    logical, intent(in) :: smooth
    !> Factor [-]
    real(wp), intent(in) :: gamma1
@@ -100,14 +100,14 @@ pure function new_branch(centre, c) result(branch)
    end do
 end function new_branch
 
-!> Integral of the force from stretch 1, the force and its derivatives by the stretch
+!> Integral of the force from stretch 1, the force and its derivatives with respect to the stretch
 pure subroutine evaluate_curve(curve, stretch, order, d)
    type(curve_type), intent(in) :: curve
    !> Normalised stretch, lambda* [-]
    real(wp), intent(in) :: stretch
-   !> Highest derivative of the integral wanted, 0..4
+   !> Highest derivative of the integral to be computed, 0..4
    integer, intent(in) :: order
-   !> d(0) integral, d(1) force, d(2).. its slopes, up to d(order) [-]
+   !> d(0) integral, d(1) force, d(2).. slopes of the force, up to d(order) [-]
    real(wp), intent(out) :: d(0:)
    integer :: i
 
@@ -119,7 +119,7 @@ pure subroutine evaluate_curve(curve, stretch, order, d)
    call evaluate_piece(curve%piece(i), stretch, order, d)
 end subroutine evaluate_curve
 
-!> The same for one piece, also outside the interval where it holds
+!> The same for one piece, also outside the interval where it applies
 pure subroutine evaluate_piece(piece, stretch, order, d)
    type(piece_type), intent(in) :: piece
    !> Normalised stretch [-]
@@ -156,13 +156,13 @@ end subroutine evaluate_piece
 pure function new_curve(branch, break, below, above, smooth) result(curve)
    !> Integrals of the forces between the breaks, shape (breaks + 1)
    type(piece_type), intent(in) :: branch(:)
-   !> Stretches where the branches meet, rising [-]
+   !> Stretches where the branches meet, ascending [-]
    real(wp), intent(in) :: break(:)
    !> Width of the blended zone below a break [-]
    real(wp), intent(in) :: below(:)
    !> Width of the blended zone above a break [-]
    real(wp), intent(in) :: above(:)
-   !> Are there blended zones?
+   !> Whether there are blended zones
    logical, intent(in) :: smooth
    type(curve_type) :: curve
    real(wp) :: left(0:4), right(0:4), first, last, at_one(0:0)
@@ -187,12 +187,12 @@ pure function new_curve(branch, break, below, above, smooth) result(curve)
    end do
 end function new_curve
 
-!> Append a piece, its integral continuing that of the piece before
+!> Append a piece; its integral continues that of the piece before
 pure subroutine append(curve, piece, start)
    type(curve_type), intent(inout) :: curve
-   !> Piece, whose integral is known but for a constant
+   !> Piece, whose integral is known up to a constant
    type(piece_type), intent(in) :: piece
-   !> Stretch above which it holds [-]
+   !> Stretch above which it applies [-]
    real(wp), intent(in) :: start
    real(wp) :: before(0:0), begin(0:0)
 
@@ -205,7 +205,7 @@ pure subroutine append(curve, piece, start)
    curve%piece(curve%n)%c(0) = piece%c(0) + before(0) - begin(0)
 end subroutine append
 
-!> Polynomial force of degree 7 with four given derivatives at both ends
+!> Polynomial force of degree 7 with four given values and derivatives at either end
 pure function blend(start, width, left, right) result(piece)
    !> Stretch where it begins [-]
    real(wp), intent(in) :: start

@@ -1,8 +1,8 @@
-!> Derivatives of an energy that is given as an expression, up to the second and exact to rounding.
+!> Derivatives of an energy given as an expression, up to the second and exact to rounding.
 !>
-!> A jet is a value with its derivatives by those of I1r, I2r, I4r that occur, in a symmetric matrix
-!> with indices from 0: entry (0, 0) is the value, (k, 0) a first and (k, l) a second derivative.
-!> The operations of the expression act on jets in place of numbers.
+!> A jet is a value with its derivatives with respect to those of I1r, I2r, I4r that occur, in a
+!> symmetric matrix with indices from 0: entry (0, 0) is the value, (k, 0) a first and (k, l) a
+!> second derivative. The operations of the expression act on jets instead of numbers.
 !>
 !> References: Griewank, Walther, Evaluating derivatives, 2nd ed. (2008), chapter 13,
 !>             doi:10.1137/1.9780898717761
@@ -25,17 +25,17 @@ module rk_jets
    integer, parameter :: kinked(7) = [less, greater, at_most, at_least, largest, smallest, &
       & magnitude]
 
-   !> An energy as it is evaluated
+   !> An energy prepared for evaluation
    type :: jets_type
-      !> Does it depend on I1r, I2r, I4r and the activation?
+      !> Whether it depends on I1r, I2r, I4r and the activation
       logical :: uses(4) = .false.
-      !> Has it kinks?
+      !> Whether it has kinks
       logical :: kinked = .false.
       !> Its operations
       type(tape_type), private :: tape
-      !> Values that are needed, in the order in which they are computed
+      !> Required values, in the order in which they are computed
       integer, allocatable, private :: step(:)
-      !> Which invariant is each variable
+      !> Invariant that each variable stands for
       integer, allocatable, private :: kind(:)
    contains
       procedure :: derivatives
@@ -44,9 +44,9 @@ module rk_jets
 
 contains
 
-!> Get ready to differentiate
+!> Prepare the differentiation
 subroutine new_jets(self, tape)
-   !> Energy as it is evaluated
+   !> Energy as a list of operations
    type(jets_type), intent(out) :: self
    type(tape_type), intent(in) :: tape
    logical :: needed(size(tape%operation))
@@ -55,7 +55,7 @@ subroutine new_jets(self, tape)
 
    self%tape = tape
    allocate (self%kind(0))
-   ! what has no variable in it is a number from now on
+   ! fold constants: values without a variable become numbers
    self%step = [(i, i=1, size(tape%operation))]
    call self%run([0.0_wp, 0.0_wp, 0.0_wp, 0.0_wp], value)
    associate (t => self%tape)
@@ -82,7 +82,7 @@ subroutine new_jets(self, tape)
    self%kind = pack([1, 2, 3], needed(:3))
 end subroutine new_jets
 
-!> Whether a value is a number
+!> Whether a value is a constant
 pure logical function fixed(tape, i)
    type(tape_type), intent(in) :: tape
    !> Value
@@ -91,11 +91,11 @@ pure logical function fixed(tape, i)
    fixed = i > 4 .and. tape%operation(i) == no_operation
 end function fixed
 
-!> Energy and its derivatives by the invariants that occur
+!> Energy and its derivatives with respect to the invariants that occur
 pure subroutine derivatives(self, state, order, w)
    class(jets_type), intent(in) :: self
    type(invariant_state), intent(in) :: state
-   !> Highest derivative wanted, 0..2
+   !> Highest derivative to be computed, 0..2
    integer, intent(in) :: order
    type(energy_derivatives), intent(inout) :: w
    real(wp) :: jet(0:merge(size(self%kind), 0, order > 0), 0:merge(size(self%kind), 0, order > 0), &
@@ -109,7 +109,7 @@ pure subroutine derivatives(self, state, order, w)
    end associate
 end subroutine derivatives
 
-!> All values that are needed
+!> Compute all required values
 pure subroutine run(self, x, jet)
    class(jets_type), intent(in) :: self
    !> I1r, I2r, I4r and the activation [-]
@@ -203,7 +203,7 @@ pure function composed(f, a) result(z)
 
    z = 0.0_wp
    z(0, 0) = f(0)
-   ! of a number, at which the derivatives need not be finite
+   ! constants, at which the derivatives need not be finite
    if (all(abs(a(1:, 0)) <= 0.0_wp) .and. all(abs(a(1:, 1:)) <= 0.0_wp)) return
    z = f(1)*a
    z(0, 0) = f(0)
@@ -212,7 +212,7 @@ pure function composed(f, a) result(z)
    end do
 end function composed
 
-!> Whether a comparison holds
+!> Evaluate a comparison
 elemental logical function holds(operation, a, b)
    integer, intent(in) :: operation
    real(wp), intent(in) :: a, b
@@ -229,7 +229,7 @@ elemental logical function holds(operation, a, b)
    end select
 end function holds
 
-!> Power and its derivatives; of whole powers also at and below zero
+!> Power and its derivatives; for whole exponents also at and below zero
 pure function powered(a, p) result(f)
    !> Base
    real(wp), intent(in) :: a
@@ -242,7 +242,7 @@ pure function powered(a, p) result(f)
    factor = 1.0_wp
    f = 0.0_wp
    do k = 0, 2
-      ! a whole power above zero has no further derivatives
+      ! a whole power has no derivatives beyond its exponent
       if (.not. abs(factor) > 0.0_wp) exit
       if (abs(p - whole) > 0.0_wp) then
          f(k) = factor*a**(p - k)
@@ -259,7 +259,7 @@ pure function logarithmic(a) result(f)
    real(wp) :: f(0:2)
 
    f = log(a)
-   ! the derivatives would be finite below zero, where there is no energy
+   ! below zero the derivatives would be finite, but the energy is undefined
    if (a > 0.0_wp) f(1:) = [1.0_wp/a, -1.0_wp/a**2]
 end function logarithmic
 

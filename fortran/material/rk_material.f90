@@ -3,10 +3,10 @@
 !>     W = W_r(I1r, I2r, I4r, activation) + K/2 (J - 1)^2
 !>
 !> in the reduced invariants I1r = J^(-2/3) I1, I2r = J^(-4/3) I2, I4r = J^(-2/3) N.C.N. A material
-!> extends `material_type` by two procedures, its parameters and the derivatives of W_r; the powers
-!> of J are treated here and the tensors in rk_tensors. All that is evaluated at points is
-!> pure and allocates nothing, so it may be called from any thread. J <= 0 gives NaN: who steps
-!> there must look at J first.
+!> extends `material_type` by two procedures: one reads its parameters, one gives the derivatives of
+!> W_r. The powers of J are treated here and the tensors in rk_tensors. Procedures evaluated at
+!> points are pure and allocate nothing, so they may be called from any thread. J <= 0 gives NaN:
+!> the caller must check J first.
 !>
 !> References: thesis (4.34), (4.35), (5.36)-(5.38), Appendix C (C.1), (C.5), (C.10)
 module rk_material
@@ -24,21 +24,21 @@ module rk_material
 
    !> Exponents n of the reduced invariants I J^(-n)
    real(wp), parameter :: exponent(3) = [2.0_wp, 4.0_wp, 2.0_wp]/3.0_wp
-   !> Change of F or N of the central differences along axes [-]: their error is its square times
-   !> third derivatives, below 1e-8 of the term
+   !> Perturbation of F or N in the central differences along axes [-]: their error is its square
+   !> times third derivatives, below 1e-8 of the term
    real(wp), parameter :: step = 1.0e-5_wp
 
-   !> What the reduced energy depends on at one point
+   !> Arguments of the reduced energy at one point
    type :: invariant_state
-      !> Reduced invariants I1r, I2r, I4r; those not in use have the values of F = I [-]
+      !> Reduced invariants I1r, I2r, I4r; unused ones have the values of F = I [-]
       real(wp) :: reduced(3)
-      !> Is there a fiber here?
+      !> Whether there is a fiber here
       logical :: fibered
       !> Activation of the fibers, 0..1 [-]
       real(wp) :: activation
    end type invariant_state
 
-   !> Where a material is asked
+   !> State at which a material is evaluated
    type :: material_point
       !> Deformation gradient F(i,A), all components also in the plane [-]
       real(wp) :: f(3, 3)
@@ -46,11 +46,11 @@ module rk_material
       real(wp) :: fiber(3) = 0.0_wp
       !> Activation, 0..1 [-]
       real(wp) :: activation = 0.0_wp
-      !> Include K/2 (J-1)^2?
+      !> Whether to include K/2 (J-1)^2
       logical :: volumetric = .true.
    end type material_point
 
-   !> Reduced energy and its derivatives by I1r, I2r, I4r
+   !> Reduced energy and its derivatives with respect to I1r, I2r, I4r
    type :: energy_derivatives
       !> Energy W_r [stress]
       real(wp) :: energy
@@ -60,20 +60,20 @@ module rk_material
       real(wp) :: second(3, 3)
    end type energy_derivatives
 
-   !> Material of one kind of points
+   !> Material of a set of points
    type, abstract :: material_type
       !> Name for messages
       character(len=:), allocatable :: name
-      !> Bulk modulus K; infinite where J = 1 and the volumetric part is a pressure of its own
+      !> Bulk modulus K; infinite where J = 1 and the volumetric part is a separate pressure
       !> [stress]
       real(wp) :: bulk = 0.0_wp
       !> Shear modulus of small deformations, without fibers [stress]
       real(wp) :: shear = 0.0_wp
-      !> Does the reduced energy depend on I1r, I2r, I4r?
+      !> Whether the reduced energy depends on I1r, I2r, I4r
       logical :: active(3) = .false.
-      !> Has it fibers, so that its points need a direction?
+      !> Whether it has fibers, so that its points need a direction
       logical :: fibered = .false.
-      !> Has its stress kinks, at which a residual in strong form jumps?
+      !> Whether its stress has kinks, at which a residual in strong form jumps
       logical :: kinked = .false.
    contains
       procedure(set_material), deferred :: set
@@ -83,26 +83,26 @@ module rk_material
    end type material_type
 
    abstract interface
-      !> Take the parameters, then set the moduli and the active invariants
+      !> Read the parameters, then set the moduli and the active invariants
       subroutine set_material(self, deck, at, error)
          import :: deck_type, error_type, material_type
          class(material_type), intent(inout) :: self
-         !> Deck, which was checked by the schema
+         !> Deck, which was checked against the schema
          type(deck_type), intent(in) :: deck
          !> Table with the parameters, such as material.1
          character(len=*), intent(in) :: at
-         !> Error handling: a modulus that is not positive, what is no energy
+         !> Error handling: a modulus that is not positive, an expression that is not an energy
          type(error_type), allocatable, intent(out) :: error
       end subroutine set_material
 
-      !> Reduced energy and its derivatives up to an order. Of the arrays, the entries of the
-      !> active invariants are used; entries of a higher order than wanted may stay unset.
+      !> Reduced energy and its derivatives up to an order. Only the array entries of the active
+      !> invariants are used; entries of a higher order than requested may stay unset.
       pure subroutine reduced_energy(self, state, order, w)
          import :: material_type, energy_derivatives, invariant_state
          class(material_type), intent(in) :: self
          !> Reduced invariants and activation
          type(invariant_state), intent(in) :: state
-         !> Highest derivative wanted, 0..2
+         !> Highest derivative to be computed, 0..2
          integer, intent(in) :: order
          type(energy_derivatives), intent(out) :: w
       end subroutine reduced_energy
@@ -110,16 +110,16 @@ module rk_material
 
 contains
 
-!> Whether K is infinite, so that no stress follows from J
+!> Whether K is infinite, so that J does not determine any stress
 pure logical function incompressible(self)
    class(material_type), intent(in) :: self
 
    incompressible = self%bulk > huge(1.0_wp)
 end function incompressible
 
-!> Tangent modulus of the simple shear that has the same reduced invariants, without fibers: rubber
-!> sheared by five times its height is a hundred times as stiff as at rest. Never below the value
-!> at rest [stress]
+!> Tangent modulus, without fibers, of the simple shear that has the same reduced invariants: rubber
+!> sheared by five times its height is a hundred times as stiff as at rest. Never below the value at
+!> rest [stress]
 pure real(wp) function shear_modulus(self, f)
    class(material_type), intent(in) :: self
    !> Deformation gradient F(i,A) [-]
@@ -164,7 +164,7 @@ pure function energy(self, at) result(w)
    if (at%volumetric) w = w + 0.5_wp*self%bulk*(inv%value(1) - 1.0_wp)**2
 end function energy
 
-!> First Piola-Kirchhoff stress and, where wanted, the tangent
+!> First Piola-Kirchhoff stress and, if requested, the tangent
 pure subroutine stress(self, at, p, c4)
    class(material_type), intent(in) :: self
    type(material_point), intent(in) :: at
@@ -181,13 +181,13 @@ pure subroutine stress(self, at, p, c4)
    if (present(c4)) call second_form(inv, w, c4)
 end subroutine stress
 
-!> Everything a row of the strong form needs: P, C4, the pull of fibers that converge or bend, and
-!> T(i,k,C) = C4_iAkC,A, the derivative of P_iA,A by F_kC, where it is wanted: a residual alone has
-!> no use for it, and it is most of the work.
+!> All terms of a row of the strong form: P, C4, the pull of fibers that converge or bend, and, if
+!> requested, T(i,k,C) = C4_iAkC,A, the derivative of P_iA,A by F_kC: a residual alone does not need
+!> it, and it is most of the work.
 !>
-!> P and C4 depend on the place through F and through the fiber direction N. What they are a little
-!> to either side along both gives the slopes of what is without change of volume. K/2 (J-1)^2 is a
-!> polynomial in F; its differences would leave the rounding of F over their step, times K.
+!> P and C4 depend on the position through F and the fiber direction N. The slopes of the isochoric
+!> parts are differences of their values slightly to either side along both. K/2 (J-1)^2 is a
+!> polynomial in F; differences of it would leave the rounding of F over their step, times K.
 pure subroutine strong(self, nd, at, h, turn, p, c4, pull, t)
    class(material_type), intent(in) :: self
    !> Space dimension: 3, or 2 for plane strain (F_33 = 1)
@@ -298,7 +298,7 @@ pure subroutine set_derivatives(self, inv, at, order, w)
    class(material_type), intent(in) :: self
    type(invariants_type), intent(in) :: inv
    type(material_point), intent(in) :: at
-   !> Highest derivative wanted, 1..2
+   !> Highest derivative to be computed, 1..2
    integer, intent(in) :: order
    type(derivatives_type), intent(out) :: w
    type(energy_derivatives) :: r

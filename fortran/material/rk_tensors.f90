@@ -30,12 +30,12 @@ module rk_tensors
    public :: invariants_type, derivatives_type, set_invariants, first_tensor, second_form
    public :: kind_i1, kind_i2, kind_i4
 
-   !> Names of the invariants; the reduced ones are numbered alike
+   !> Numbers of the invariants; the reduced ones are numbered in the same way
    integer, parameter :: kind_j = 0, kind_i1 = 1, kind_i2 = 2, kind_i4 = 3
 
    !> Invariants of one deformation gradient
    type :: invariants_type
-      !> Number of invariants in use, J is the first
+      !> Number of invariants in use; J is the first
       integer :: n
       !> Which ones, kind_*
       integer :: kind(4)
@@ -68,9 +68,9 @@ pure subroutine set_invariants(self, f, fiber, active, gradients)
    real(wp), intent(in) :: f(3, 3)
    !> Fiber, unit vector; zeros switch I4 off [-]
    real(wp), intent(in) :: fiber(3)
-   !> Is I1, I2, I4 used by the energy?
+   !> Whether I1, I2, I4 are used by the energy
    logical, intent(in) :: active(3)
-   !> Are first derivatives wanted?
+   !> Whether to compute first derivatives
    logical, intent(in) :: gradients
    real(wp) :: cofactor(3, 3)
    integer :: a

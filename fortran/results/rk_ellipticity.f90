@@ -1,4 +1,4 @@
-!> Where a state is nearest to losing its ellipticity, at the collocation points.
+!> Search for the collocation point at which a state is nearest to losing ellipticity.
 module rk_ellipticity
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_acoustic, only : least_acoustic
@@ -13,23 +13,23 @@ module rk_ellipticity
 
    !> The worst point of a state
    type :: ellipticity_type
-      !> Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest [-]
+      !> Smallest eigenvalue of the acoustic tensor over the shear modulus at rest [-]
       real(wp) :: value = huge(1.0_wp)
       !> Its collocation point
       integer :: point = 0
-      !> Where it is lost, shape (nc)
+      !> Whether ellipticity is lost, shape (nc)
       logical, allocatable :: lost(:)
-      !> Where J is not positive or the Cauchy stress not finite, shape (nc)
+      !> Whether J is not positive or the Cauchy stress not finite, shape (nc)
       logical, allocatable :: broken(:)
-      !> Smallest and largest volume ratio J = det F there, as fields and probes have it [-]
+      !> Smallest and largest volume ratio J = det F there, as in fields and probes [-]
       real(wp) :: min_j = 1.0_wp
       real(wp) :: max_j = 1.0_wp
    end type ellipticity_type
 
 contains
 
-!> Find the worst point. The mixed form takes the material as incompressible, all forms where K is
-!> infinite
+!> Find the worst point. The material is taken as incompressible in the mixed form, and in all forms
+!> where K is infinite
 subroutine find_ellipticity(problem, state, worst)
    !> Full nonlinear problem
    class(discretisation_type), intent(in) :: problem

@@ -1,6 +1,6 @@
 !> Error of a linear problem's solution in the norms (5.20) and (5.21).
 !>
-!> Gauss integration over the cells between source points, a slab of cells after the other, so that
+!> Gauss integration over the cells between source points, one slab of cells after another, so that
 !> memory does not grow with the number of cells.
 module rk_error_norms
    use rk_discretisation, only : discretisation_type
@@ -22,14 +22,14 @@ module rk_error_norms
       !> H1 norm of the error and of the known solution
       real(wp) :: h1 = 0.0_wp
       real(wp) :: h1_solution = 0.0_wp
-      !> The largest ones of a motion, which may pass through rest at its end
+      !> Largest ones over a motion, which may pass through rest at its end
       real(wp) :: largest_l2 = 0.0_wp
       real(wp) :: largest_l2_solution = 0.0_wp
       !> Wall time of the integration [s]
       real(wp) :: seconds = 0.0_wp
    end type norms_type
 
-   !> Gauss points at most in a slab
+   !> Maximum number of Gauss points in a slab
    integer, parameter :: slab = 4000
 
 contains
@@ -39,10 +39,10 @@ subroutine error_norms(problem, x, time, norms, error)
    class(discretisation_type), intent(in) :: problem
    !> Coefficients, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
-   !> Time, of no meaning where nothing moves
+   !> Time, not used if nothing moves
    real(wp), intent(in) :: time
    type(norms_type), intent(out) :: norms
-   !> Error handling: no shape functions somewhere, a solution that is not finite
+   !> Error handling: a point without shape functions, a solution that is not finite
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: place(:, :), weight(:), node(:), node_weight(:)
    type(shape_type) :: shape
@@ -52,7 +52,7 @@ subroutine error_norms(problem, x, time, norms, error)
 
    associate (scene => problem%scene)
       nd = scene%cloud%nd
-      ! exact for squares of polynomials of the order
+      ! exact for squares of polynomials of the order of the basis
       n = scene%approximation%order + 1
       allocate (node(n), node_weight(n))
       call gauss_rule(node, node_weight)

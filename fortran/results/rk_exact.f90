@@ -1,4 +1,4 @@
-!> Exact homogeneous solutions for finite K: the deformation gradient, whatever the material.
+!> Exact homogeneous solutions for finite K: the deformation gradient for any material.
 module rk_exact
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_deck_records, only : exact_keys
@@ -15,8 +15,8 @@ module rk_exact
 
 contains
 
-!> Value of a probe at full load in an exact solution with the material of the first point; not a
-!> number where there is none: a change of volume that K = inf does not allow, or no free stretch
+!> Value of a probe at full load in an exact solution with the material of the first point; NaN if
+!> there is none: a change of volume that K = inf excludes, or no free stretch
 real(wp) function exact_value(scene, exact) result(value)
    type(scene_type), intent(in) :: scene
    !> Solution
@@ -39,7 +39,7 @@ real(wp) function exact_value(scene, exact) result(value)
             value = ieee_value(value, ieee_quiet_nan)
             return
          end if
-         ! the pressure that frees the last direction, as finite K does; simple shear has none
+         ! pressure that makes the last direction stress-free, as finite K does; not in simple shear
          if (exact%solution /= 'simple_shear') then
             pressure = -local%p(nd, nd)*local%f(nd, nd)
             do i = 1, 3
@@ -60,7 +60,7 @@ subroutine exact_deformation(material, solution, amount, nd, f)
    character(len=*), intent(in) :: solution
    !> Shear or stretch [-]
    real(wp), intent(in) :: amount
-   !> Space dimension; in 2-D the third direction does not stretch
+   !> Space dimension; in 2-D the third direction is not stretched
    integer, intent(in) :: nd
    !> F(i, A) [-]
    real(wp), intent(out) :: f(3, 3)
@@ -88,7 +88,7 @@ subroutine exact_deformation(material, solution, amount, nd, f)
 end subroutine exact_deformation
 
 !> Stretch of directions first..nd that makes them free of stress, by bisection in its logarithm;
-!> not a number where none does
+!> NaN if there is none
 subroutine free_stretch(material, f, first, nd)
    class(material_type), intent(in) :: material
    !> Diagonal deformation gradient; the free entries are set [-]
@@ -100,7 +100,7 @@ subroutine free_stretch(material, f, first, nd)
    real(wp) :: low, high, middle
    integer :: k
 
-   ! the incompressible stretch, with room on both sides
+   ! bracket around the incompressible stretch
    middle = -log(product([(f(k, k), k=1, first - 1)]))/(nd - first + 1)
    if (material%incompressible()) then
       do k = first, nd

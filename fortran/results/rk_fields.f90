@@ -1,7 +1,7 @@
 !> Fields of a converged state at the collocation points.
 !>
-!> They are a list: result files, the Python boundary and their readers go through it by name, so a
-!> new field is a name, its number of components and its value at one place, all of them here.
+!> They form a list: result files, the Python boundary and their readers go through it by name, so a
+!> new field needs a name, its number of components and its value at one position, all of them here.
 module rk_fields
    use rk_discretisation, only : discretisation_type
    use rk_point_field, only : point_field
@@ -18,12 +18,12 @@ module rk_fields
    !> and pressure, minus the mean Cauchy stress [stress]
    character(len=*), parameter :: field_names(6) = ['u               ', 'F               ', &
       & 'J               ', 'cauchy          ', 'principal_stress', 'pressure        ']
-   !> Their components
+   !> Numbers of components
    integer, parameter :: field_sizes(size(field_names)) = [3, 9, 1, 6, 3, 1]
 
 contains
 
-!> Fields at all collocation points; a problem of one unknown has no others
+!> Fields at all collocation points; a problem with a scalar unknown has only that one
 subroutine compute_fields(problem, state, fields)
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
@@ -50,7 +50,7 @@ subroutine compute_fields(problem, state, fields)
    !$omp end parallel do
 end subroutine compute_fields
 
-!> Value of a field at one place
+!> Value of a field at one position
 pure function field_value(name, local, components) result(value)
    character(len=*), intent(in) :: name
    type(point_state), intent(in) :: local

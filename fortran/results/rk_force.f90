@@ -1,9 +1,9 @@
 !> Balance of the forces on a body, and of their virtual work with that of the stresses.
 !>
-!> In equilibrium the work of the stress in any smooth virtual displacement is that of the forces in
-!> it; the displacement itself is one. A strong form sets the divergence of the stress to zero in a
-!> weighted mean only, and where a body bends the mean hardly sees what is missing: tips of
-!> cantilevers 90 % off leave the forces on the ends in balance, but not this work.
+!> In equilibrium the stress and the forces do the same work in any smooth virtual displacement, of
+!> which the displacement itself is one. A strong form sets the divergence of the stress to zero
+!> only in a weighted mean, and in bending the mean hardly shows the error: cantilevers whose tip
+!> deflection is 90 % off leave the forces on the ends in balance, but not this work.
 module rk_force
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_conditions, only : conditions_at
@@ -17,20 +17,20 @@ module rk_force
 
    public :: set_forces, own_work_mismatch
 
-   !> Forces below this share of those that the stress transmits inside are none to compare with
+   !> Forces below this share of those that the stress transmits inside are too small to compare
    real(wp), parameter :: no_force = 1.0e-3_wp
 
 contains
 
 !> Sum of the forces on all sides of the body with conditions, and the largest of them: the sum is 0
-!> for a body in equilibrium. Forces that do not balance are the sign of a locked or too coarse
-!> solution. Each is taken from the nearer half of the body: over the whole length between two fixed
-!> sets both would be the same mean of all sections, however these differ. A body that nothing pulls
-!> at, such as a muscle with a free end, has forces of rounding only.
+!> for a body in equilibrium. Unbalanced forces indicate a locked or too coarse solution. Each force
+!> is taken from the nearer half of the body: over the whole length between two fixed sets both
+!> would be the same mean of all sections, however these differ. A body without external forces,
+!> such as a muscle with a free end, has only forces of rounding.
 subroutine set_forces(problem, state, left, largest)
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
-   !> Norm of the sum, and the largest norm, at least a share of what the stress transmits [force]
+   !> Norm of the sum, and largest norm, at least a share of the force inside the body [force]
    real(wp), intent(out) :: left, largest
    type(point_state) :: local
    real(wp) :: total(3), force(3), inside
@@ -57,7 +57,7 @@ subroutine set_forces(problem, state, left, largest)
    largest = max(largest, no_force*inside)
 end subroutine set_forces
 
-!> Work of the stress less that of the forces, over the larger of the forces' work and the integral
+!> Work of the stress minus that of the forces, over the larger of the forces' work and the integral
 !> of |P : grad u|; 0 for a body at rest [-]
 real(wp) function own_work_mismatch(problem, state) result(mismatch)
    class(discretisation_type), intent(in) :: problem
@@ -96,7 +96,7 @@ real(wp) function own_work_mismatch(problem, state) result(mismatch)
    if (total > 0.0_wp) mismatch = (inside - outside)/total
 end function own_work_mismatch
 
-!> Work of prescribed tractions, or of the stress where a wall moves by other amounts at each point
+!> Work of prescribed tractions, or of the stress where the displacements of a wall vary
 real(wp) function surface_work(problem, side, state) result(work)
    class(discretisation_type), intent(in) :: problem
    !> Side of the body

@@ -16,9 +16,9 @@ module rk_probes
    public :: probes_type, new_probes, probe_value, pressed_volume, place_state, quantity, &
       & quantity_kind, quantity_size, numbers_of
 
-   !> Shape functions at the places of point probes
+   !> Shape functions at the positions of point probes
    type :: probes_type
-      !> Shape functions, one place for each probe
+      !> Shape functions, one position for each probe
       type(shape_type) :: shape
       !> Nearest collocation point of each probe: its material and fiber, shape (nprobe)
       integer, allocatable :: nearest(:)
@@ -54,11 +54,11 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
    !> Number of the probe
    integer, intent(in) :: i
    type(field_state), intent(in) :: state
-   !> Value, shape (3); the first quantity_size numbers count
+   !> Value, shape (3); only the first quantity_size numbers are used
    real(wp), intent(out) :: value(3)
-   !> Norm of the vector or tensor of which it is a component, or its own
+   !> Norm of the vector or tensor of which the value is a component, or of the value itself
    real(wp), intent(out), optional :: whole
-   !> Of J by how much it is off what the pressure allows, else 0
+   !> For J, its difference from the value that the pressure implies, otherwise 0
    real(wp), intent(out), optional :: apart
    type(field_state) :: own
    type(point_state) :: again, local
@@ -109,11 +109,11 @@ subroutine probe_value(problem, probes, i, state, value, whole, apart)
    end associate
 end subroutine probe_value
 
-!> State of the material at the place of a probe
+!> State of the material at the position of a probe
 subroutine place_state(problem, probes, i, state, local)
    class(discretisation_type), intent(in) :: problem
    type(probes_type), intent(in) :: probes
-   !> Number of the probe, which has a place
+   !> Number of the probe, which has a position
    integer, intent(in) :: i
    type(field_state), intent(in) :: state
    type(point_state), intent(out) :: local
@@ -125,11 +125,11 @@ subroutine place_state(problem, probes, i, state, local)
    end associate
 end subroutine place_state
 
-!> Volume ratio that the pressure of a place allows; J there is another one where a form keeps the
-!> volume of cells or patches only
+!> Volume ratio implied by the pressure at a position; J differs from it where a form preserves only
+!> the volume of cells or patches
 real(wp) function pressed_volume(problem, ip, local) result(ratio)
    class(discretisation_type), intent(in) :: problem
-   !> Collocation point whose material holds there
+   !> Collocation point whose material applies there
    integer, intent(in) :: ip
    type(point_state), intent(in) :: local
    real(wp) :: mean
@@ -155,8 +155,8 @@ function force_of(problem, probe, state) result(value)
    end associate
 end function force_of
 
-!> Energy, or mean over the volume of a muscle: of the stretch of its fibers, or of their angle
-!> against a direction [degree]
+!> Energy of a muscle, or a mean over its volume: of the stretch of its fibers, or of their angle to
+!> a direction [degree]
 real(wp) function muscle_value(problem, probe, state) result(value)
    class(discretisation_type), intent(in) :: problem
    type(probe_type), intent(in) :: probe
@@ -190,7 +190,7 @@ real(wp) function muscle_value(problem, probe, state) result(value)
    value = value/max(total, tiny(1.0_wp))
 end function muscle_value
 
-!> What kind of number a quantity is: length, ratio, stress, force, torque, energy or angle
+!> Kind of a quantity: length, ratio, stress, force, torque, energy or angle
 pure function quantity_kind(name) result(kind)
    character(len=*), intent(in) :: name
    character(len=10) :: kind
@@ -204,14 +204,14 @@ pure function quantity_kind(name) result(kind)
    if (index(name, 'torque') == 1) kind = 'torque'
 end function quantity_kind
 
-!> How many numbers a quantity has
+!> Number of components of a quantity
 pure integer function quantity_size(name)
    character(len=*), intent(in) :: name
 
    quantity_size = merge(3, 1, any(name == [character(len=13) :: 'u', 'force', 'section_force']))
 end function quantity_size
 
-!> How many numbers a probe has in the dimensions of its problem
+!> Number of components of a probe in the dimensions of its problem
 pure integer function numbers_of(problem, i)
    class(discretisation_type), intent(in) :: problem
    !> Number of the probe
@@ -222,7 +222,7 @@ pure integer function numbers_of(problem, i)
       & numbers_of = problem%scene%cloud%nd
 end function numbers_of
 
-!> Index 1..3 of the letter x, y or z at a place of a name
+!> Index 1..3 of the letter x, y or z in a name
 pure integer function component(name, at)
    !> Name, such as u_x
    character(len=*), intent(in) :: name
@@ -253,7 +253,7 @@ pure function quantity(name, local) result(value)
       e = principal_values(local%cauchy)
       value(1) = e(1)
    case ('cauchy_rr', 'cauchy_tt')
-      ! directions of the undeformed place about the third axis
+      ! polar directions of the undeformed position about the third axis
       t = local%x(:2)/norm2(local%x(:2))
       if (name == 'cauchy_tt') t = [-t(2), t(1)]
       value(1) = dot_product(t, matmul(local%cauchy(:2, :2), t))

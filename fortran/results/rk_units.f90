@@ -1,4 +1,4 @@
-!> Units of what a solve finds, in the words of the deck: the only place that makes them.
+!> Units of the results of a solve, in those named in the deck: composed only here.
 module rk_units
    use rk_deck, only : deck_type
    use rk_json, only : json_type
@@ -11,8 +11,8 @@ module rk_units
 
 contains
 
-!> Unit of a probe, empty for what has none. In fewer than three dimensions forces, torques and
-!> energies are those of a unit of thickness
+!> Unit of a probe, empty if it has none. In fewer than three dimensions forces, torques and
+!> energies are per unit of thickness
 subroutine get_probe_unit(deck, i, text)
    type(deck_type), intent(in) :: deck
    !> Number of the probe
@@ -28,7 +28,7 @@ subroutine get_probe_unit(deck, i, text)
       call compose(deck, 1, dimension_of(deck) - 2, text)
    case ('length')
       call compose(deck, 0, 1, text)
-      ! the unknown of Poisson's equation may be anything
+      ! the unknown of Poisson's equation may be any quantity
       call deck%get('linear.problem', problem)
       if (problem == 'poisson') text = ''
    case ('angle')
@@ -83,7 +83,7 @@ contains
 
 end subroutine put_units
 
-!> Unit of the extent of a boundary set: its area, in the plane its length
+!> Unit of the extent of a boundary set: that of an area, in the plane that of a length
 subroutine get_set_unit(deck, text)
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable, intent(out) :: text

@@ -15,27 +15,27 @@ module rk_cloud
 
    !> Greatest index of a voxel; no image has more voxels along an edge
    integer, parameter :: max_index = 1000000
-   !> Part of the spacing of source points within which points are the same [-]
+   !> Points closer than this part of the source spacing are taken as equal [-]
    real(wp), parameter :: alike = 1.0e-6_wp
-   !> Edges of a voxel that its point may be off its centre: those on the surface were moved there,
-   !> at shallow ends by three edges [-]
+   !> Maximum distance of a point from the centre of its voxel, in voxel edges: points on the
+   !> surface were moved there, at shallow ends by three edges [-]
    real(wp), parameter :: moved = 10.0_wp
    !> Largest coordinate, and inverse of the smallest spacing: squares of their ratios are finite
    real(wp), parameter :: largest = 1.0e60_wp
-   !> By how much unit vectors and sums of fractions may be off [-]
+   !> Tolerance for the length of unit vectors and for sums of fractions [-]
    real(wp), parameter :: off_unit = 1.0e-6_wp
-   !> Memory that arrays on the grid of the voxels take at the most: eight octants of 4 bytes, a
-   !> distance and a number [byte]
+   !> Maximum memory per voxel of arrays on the voxel grid: eight octants of 4 bytes, a distance and
+   !> a number [byte]
    real(wp), parameter :: voxel_bytes = 44.0_wp
 
    !> Regular grid of the voxels that a model was made of
    type :: voxels_type
-      !> Place of each collocation point's voxel in the grid, shape (3, nc); not allocated for
+      !> Index of each collocation point's voxel in the grid, shape (3, nc); not allocated for
       !> bodies that are not made of voxels
       integer, allocatable :: index(:, :)
       !> Edges of a voxel [length]
       real(wp) :: size(3) = 0.0_wp
-      !> Centre of the voxel at place 0, 0, 0 [length]
+      !> Centre of the voxel with index 0, 0, 0 [length]
       real(wp) :: origin(3) = 0.0_wp
    contains
       procedure :: centre
@@ -56,9 +56,9 @@ module rk_cloud
       !> Voxels of the collocation points of a model
       type(voxels_type) :: voxels
       !> Block of each collocation point's voxel, from 0 in each direction, shape (3, nc); allocated
-      !> where the source points are the corners of these blocks
+      !> if the source points are the corners of these blocks
       integer, allocatable :: block(:, :)
-      !> Places of volume rows: centres of the cells between the source points of a lattice, shape
+      !> Points of volume rows: centres of the cells between the source points of a lattice, shape
       !> (nd, nv) [length]
       real(wp), allocatable :: volume_points(:, :)
       !> Volume (area in 2-D) that belongs to each collocation point, shape (nc) [length^nd]
@@ -66,14 +66,14 @@ module rk_cloud
       !> Label of the tissue, shape (nc)
       integer, allocatable :: label(:)
       !> Fraction of each tissue in the volume of a collocation point, shape (nf, nc) [-]; not
-      !> allocated where each holds one tissue, that of its label
+      !> allocated if each point has only the tissue of its label
       real(wp), allocatable :: fraction(:, :)
       !> Label of each fraction, shape (nf)
       integer, allocatable :: fraction_label(:)
       !> Fiber direction, unit vectors or zeros, shape (3, nc)
       real(wp), allocatable :: fiber(:, :)
-      !> Activation of the fibers of each point, of that of their muscle, from 0 to 1, shape (nc);
-      !> not allocated where it is 1 everywhere [-]
+      !> Activation of the fibers at each point relative to that of their muscle, from 0 to 1, shape
+      !> (nc); not allocated where it is 1 everywhere [-]
       real(wp), allocatable :: activation(:)
       !> Collocation point of each boundary entry, shape (nb)
       integer, allocatable :: boundary_point(:)
@@ -85,20 +85,20 @@ module rk_cloud
       real(wp), allocatable :: area(:)
       !> Names of the sets: sides, then regions
       character(len=32), allocatable :: set_names(:)
-      !> Sets that are parts of the surface, those behind the sides; not allocated without any
+      !> Sets that are parts of the surface, stored after the sides; not allocated if there are none
       type(region_type), allocatable :: region(:)
-      !> Whether a boundary entry lies in a set, shape (sets, nb); not allocated where each lies in
-      !> that of its side alone
+      !> Whether a boundary entry lies in a set, shape (sets, nb); not allocated if each lies only
+      !> in the set of its side
       logical, allocatable :: within(:, :)
-      !> Unit of all lengths, not allocated or blank where the deck's holds
+      !> Unit of all lengths; not allocated or blank if the deck's applies
       character(len=:), allocatable :: length_unit
       !> Source points along each direction of a box or (radial, angular) an annulus, shape (nd);
       !> not allocated for other bodies
       integer, allocatable :: lattice(:)
-      !> Places of these along each direction of a box whose spacing varies, from 0, shape (:, nd)
-      !> [length]
+      !> Coordinates of these along each direction of a box whose spacing varies, from 0, shape (:,
+      !> nd) [length]
       real(wp), allocatable :: line(:, :)
-      !> Place of each collocation point of such a body in their own lattice, from 0, shape (nd, nc)
+      !> Index of each collocation point of such a body in their own lattice, from 0, shape (nd, nc)
       integer, allocatable :: place(:, :)
       !> The directions are radius and angle
       logical :: polar = .false.
@@ -124,7 +124,7 @@ pure integer function find_set(self, name)
    class(cloud_type), intent(in) :: self
    character(len=*), intent(in) :: name
 
-   ! findloc with back reads before the texts where gfortran 12 finds none
+   ! findloc with back reads memory before the texts if gfortran 12 finds none
    do find_set = size(self%set_names), 1, -1
       if (self%set_names(find_set) == name) return
    end do
@@ -156,7 +156,7 @@ end function sides
 pure logical function meets_side(self, set, side)
    class(cloud_type), intent(in) :: self
    integer, intent(in) :: set
-   !> Side, the set of which is itself
+   !> Side, which is its own set
    integer, intent(in) :: side
    integer :: e
 
@@ -171,7 +171,7 @@ pure real(wp) function mean_spacing(self)
    mean_spacing = product(sum(self%spacing, dim=2)/size(self%spacing, 2))**(1.0_wp/self%nd)
 end function mean_spacing
 
-!> Centres of the voxels of the collocation points, or these where there are no voxels
+!> Centres of the voxels of the collocation points, or the points themselves without voxels
 pure function centres(self) result(at)
    class(cloud_type), intent(in) :: self
    real(wp) :: at(size(self%points, 1), size(self%points, 2))
@@ -195,8 +195,8 @@ pure function labels(self) result(found)
    end do
 end function labels
 
-!> Source points nearest to each collocation point, or to the centre of its voxel where it has one,
-!> in source spacings: several where these are equally near, 0 behind them, shape (:, nc)
+!> Source points nearest to each collocation point, or to the centre of its voxel if it has one, in
+!> source spacings: several where these are equally near, padded with 0, shape (:, nc)
 function nearest_sources(self) result(near)
    class(cloud_type), intent(in) :: self
    integer, allocatable :: near(:, :)
@@ -209,7 +209,7 @@ function nearest_sources(self) result(near)
       & at/spread(step, 2, size(at, 2)), near)
 end function nearest_sources
 
-!> The most central of these
+!> The most central of these source points
 function nearest_source(self) result(owner)
    class(cloud_type), intent(in) :: self
    integer, allocatable :: owner(:)
@@ -217,8 +217,8 @@ function nearest_source(self) result(owner)
    owner = most_central_of(self%source, self%nearest_sources())
 end function nearest_source
 
-!> Refuse arrays from a file that do not fit together, or that point to what is not there; Python
-!> says of its own which entry is wrong (arrays.py). Indices count from 0 before, from 1 after it
+!> Refuse arrays from a file that do not fit together or that contain invalid indices; Python names
+!> the wrong entry of its arrays (arrays.py). Indices count from 0 before, from 1 after
 subroutine take_arrays(self, error)
    !> Model with nd = 3
    type(cloud_type), intent(inout) :: self
@@ -282,15 +282,15 @@ contains
    !> Whether an array has three numbers in range for each of n entries
    logical function are_columns(values, n)
       real(wp), intent(in) :: values(:, :)
-      !> Entries there must be
+      !> Required number of entries
       integer, intent(in) :: n
 
       are_columns = all(shape(values) == [3, n]) .and. all(abs(values) <= largest)
    end function are_columns
 
-   !> The first complaint is kept
+   !> Report the first array that is not valid
    subroutine need(name, right)
-      !> Array, and whether it is what it must be
+      !> Array, and whether it is valid
       character(len=*), intent(in) :: name
       logical, intent(in) :: right
 
@@ -298,7 +298,7 @@ contains
          & //"' does not have the numbers of a model: one for each point, finite and in range")
    end subroutine need
 
-   !> The first wrong entry is named with its point
+   !> Report the first wrong entry and its point
    subroutine need_each(name, right, point, values, rule)
       character(len=*), intent(in) :: name
       logical, intent(in) :: right(:)
@@ -306,7 +306,7 @@ contains
       integer, intent(in) :: point(:)
       !> Entries, shape (:, n)
       real(wp), intent(in) :: values(:, :)
-      !> What an entry has to be
+      !> Rule that an entry must satisfy
       character(len=*), intent(in) :: rule
       integer :: k
 
@@ -318,7 +318,7 @@ contains
 
 end subroutine take_arrays
 
-!> Refuse two points in one place
+!> Refuse two points at one position
 subroutine check_cloud(self, error)
    type(cloud_type), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
@@ -328,14 +328,14 @@ subroutine check_cloud(self, error)
       & spread(alike*minval(self%spacing, dim=2), 2, size(self%points, 2)), 'collocation', error)
 end subroutine check_cloud
 
-!> Refuse two points in one place: equal source points make the equations singular, equal
-!> collocation points count their place twice
+!> Refuse two points at one position: equal source points make the equations singular, equal
+!> collocation points count their position twice
 subroutine check_distinct(points, near, kind, error)
    !> Points, shape (nd, n) [length]
    real(wp), intent(in) :: points(:, :)
-   !> Distance in each direction below which two are the same, shape (nd, n) [length]
+   !> Distance in each direction below which two points count as equal, shape (nd, n) [length]
    real(wp), intent(in) :: near(:, :)
-   !> What they are called
+   !> Kind of the points, for messages
    character(len=*), intent(in) :: kind
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: same

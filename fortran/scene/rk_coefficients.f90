@@ -1,7 +1,7 @@
 !> Coefficients of linear operators, which may vary over the body: the conductivity of Poisson's
 !> problem, Lamé's constants of elasticity.
 !>
-!> They come in pairs, lambda and mu; a conductivity stands in the place of mu.
+!> They come in pairs, lambda and mu; a conductivity takes the place of mu.
 module rk_coefficients
    use rk_equation, only : equation_type
    use rk_error, only : error_type, fatal_error, err_input
@@ -15,7 +15,7 @@ module rk_coefficients
 
    public :: new_coefficients, coefficient_at, moduli, set_essential_weight
 
-   !> Distance of values whose differences are derivatives, in sizes of the body [-]
+   !> Distance of the points of finite differences, in sizes of the body [-]
    real(wp), parameter :: difference = 1.0e-3_wp
 
 contains
@@ -57,8 +57,8 @@ subroutine new_coefficients(pair, slope, scene, x, with_slope, error)
    end associate
 end subroutine new_coefficients
 
-!> Weight of essential rows of a linear problem: the number of source points or a number over the
-!> squared spacing, times the largest coefficient
+!> Weight of the rows of prescribed values in a linear problem: the number of source points or a
+!> number over the squared spacing, times the largest coefficient
 subroutine set_essential_weight(scene, error)
    type(scene_type), intent(inout) :: scene
    !> Error handling: an expression without a value somewhere
@@ -77,14 +77,14 @@ subroutine set_essential_weight(scene, error)
       & *maxval(pair)
 end subroutine set_essential_weight
 
-!> Coefficients at a place, as the deck gives them
+!> Coefficients at a position, as given in the deck
 subroutine coefficient_at(equation, x, pair, error)
    type(equation_type), intent(in) :: equation
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Lambda and mu [stress]
    real(wp), intent(out) :: pair(2)
-   !> Error handling: no value there, or none that is possible
+   !> Error handling: no value there, or an invalid one
    type(error_type), allocatable, intent(inout) :: error
    real(wp) :: young, ratio
 
@@ -108,7 +108,7 @@ subroutine coefficient_at(equation, x, pair, error)
 
 contains
 
-   !> A value that makes no sense
+   !> Report an invalid value
    subroutine refuse(given, what, value)
       type(value_type), intent(in) :: given
       character(len=*), intent(in) :: what
@@ -120,7 +120,7 @@ contains
 
 end subroutine coefficient_at
 
-!> First derivatives of the coefficients, by differences of sixth order on both sides of a place
+!> First derivatives of the coefficients, by sixth-order central differences about a position
 subroutine differentiate(equation, x, slope, error)
    type(equation_type), intent(in) :: equation
    real(wp), intent(in) :: x(:)
@@ -146,11 +146,11 @@ subroutine differentiate(equation, x, slope, error)
    end do
 end subroutine differentiate
 
-!> Coefficients that reproducing kernel functions of order 1 interpolate between source points:
-!> jumps become smooth, as rows of second derivatives need them (thesis, figure 6.5)
+!> Coefficients interpolated between source points by reproducing kernel functions of order 1: jumps
+!> become smooth, as rows of second derivatives require (thesis, figure 6.5)
 subroutine interpolate(pair, slope, scene, x, error)
    real(wp), intent(inout) :: pair(:, :)
-   !> Not allocated where it is not wanted
+   !> Not allocated if not requested
    real(wp), allocatable, intent(inout) :: slope(:, :, :)
    type(scene_type), intent(in) :: scene
    real(wp), intent(in) :: x(:, :)

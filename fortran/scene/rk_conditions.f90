@@ -1,8 +1,8 @@
-!> What holds at places of the boundary, from conditions on sets: for strong forms one condition for
+!> Conditions at points of the boundary, from conditions on sets: for strong forms one condition for
 !> each component at each boundary point, for weak forms at each point of a set.
 !>
-!> A component is essential where any set of the point prescribes it. Otherwise it carries a
-!> traction row with the normal of the sets that leave it free, the mean normal where these meet.
+!> A component is prescribed if any set of the point prescribes it. Otherwise it has a traction row
+!> with the normal of the sets that leave it free, the mean normal where these meet.
 module rk_conditions
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
@@ -16,17 +16,17 @@ module rk_conditions
 
    public :: boundary_type, new_boundary, conditions_at
 
-   !> Boundary points with what holds there
+   !> Boundary points with their conditions
    type :: boundary_type
       !> Collocation point, ascending, shape (nb)
       integer, allocatable :: point(:)
       !> Whether a component is prescribed, shape (nd, nb)
       logical, allocatable :: essential(:, :)
-      !> Displacement that each load factor makes, shape (factors, nd, nb) [length]
+      !> Displacement of each load factor, shape (factors, nd, nb) [length]
       real(wp), allocatable :: value(:, :, :)
       !> Unit normal of each component's traction row, shape (nd, component, nb)
       real(wp), allocatable :: normal(:, :, :)
-      !> Traction that each load factor makes, shape (factors, nd, nb) [force/area]
+      !> Traction of each load factor, shape (factors, nd, nb) [force/area]
       real(wp), allocatable :: traction(:, :, :)
       !> Whether a clamped and a free face meet here, where stresses are singular, shape (nb)
       logical, allocatable :: singular(:)
@@ -36,8 +36,8 @@ module rk_conditions
 
 contains
 
-!> Whether something resists the motion of a component: what is prescribed, or an elastic support,
-!> shape (nd, nb)
+!> Whether the motion of a component is resisted, by a prescribed displacement or an elastic
+!> support, shape (nd, nb)
 pure function supported(self, scene)
    class(boundary_type), intent(in) :: self
    !> Scene from which the boundary was made
@@ -82,7 +82,7 @@ subroutine add_pins(self, scene, error)
          end if
          where (equation%pin(k)%fixed(:cloud%nd)) self%essential(:, b) = .true.
       end do
-      ! what moves need not be held
+      ! with inertia nothing needs to be prescribed
       if (allocated(scene%motion)) return
       if (.not. any(self%essential(:equation%fields(cloud%nd), :))) &
          & call fatal_error(error, err_input, 'linear: no value is prescribed anywhere: give u ' &
@@ -94,10 +94,10 @@ end subroutine add_pins
 subroutine new_boundary(self, scene, error, time)
    type(boundary_type), intent(out) :: self
    type(scene_type), target, intent(in) :: scene
-   !> Error handling: contradicting conditions; of a linear problem a pin that is no boundary point,
-   !> nothing prescribed
+   !> Error handling: contradictory conditions; in a linear problem a pin that is not a boundary
+   !> point, or nothing prescribed
    type(error_type), allocatable, intent(out) :: error
-   !> Time of expressions in it, 0 without
+   !> Time for expressions in it; 0 if absent
    real(wp), intent(in), optional :: time
    integer, allocatable :: number(:)
    real(wp), allocatable :: traction(:, :, :)
@@ -159,8 +159,8 @@ subroutine new_boundary(self, scene, error, time)
    if (.not. allocated(error) .and. allocated(scene%equation%pin)) call add_pins(self, scene, error)
 end subroutine new_boundary
 
-!> Normals and tractions of the components that are not prescribed, means of the faces that meet,
-!> and where held faces meet free ones
+!> Normals and tractions of the components that are not prescribed, averaged over the faces that
+!> meet, and points where constrained faces meet free ones
 subroutine mean_normals(self, cloud, number, fixed, traction, error)
    !> Boundary points with their prescribed components
    type(boundary_type), intent(inout) :: self
@@ -177,7 +177,7 @@ subroutine mean_normals(self, cloud, number, fixed, traction, error)
    integer :: b, e, i, nd
 
    nd = cloud%nd
-   ! a face held along itself meets one that is not; symmetry planes, held across only, do no harm
+   ! a clamped face meets a free one; symmetry planes, free to slide, do no harm
    self%singular = .false.
    do e = 1, size(cloud%boundary_point)
       b = number(cloud%boundary_point(e))
@@ -206,16 +206,16 @@ subroutine mean_normals(self, cloud, number, fixed, traction, error)
    end do
 end subroutine mean_normals
 
-!> Two displacements where they differ most during a programme, for a message; nothing where they
-!> agree, also as sums of other load factors
+!> For a message, two displacements where they differ most during a programme; nothing if they
+!> agree, even as sums of other load factors
 pure subroutine compare_displacements(programme, one, other, both)
    type(programme_type), intent(in) :: programme
-   !> Displacement that each factor makes, shape (factors) [length]
+   !> Displacement of each load factor, shape (factors) [length]
    real(wp), intent(in) :: one(:), other(:)
    !> Both displacements
    character(len=:), allocatable, intent(out) :: both
-   !> Loads that are compared beside the beginning of a programme and the times of its amplitudes:
-   !> an odd number meets no period
+   !> Number of loads compared, besides the beginning of a programme and the times of its
+   !> amplitudes: an odd number avoids common periods
    integer, parameter :: looks = 23
    type(plan_type) :: planned
    real(wp) :: factor(size(one)), largest, u(2)
@@ -233,25 +233,25 @@ pure subroutine compare_displacements(programme, one, other, both)
    end do
 end subroutine compare_displacements
 
-!> What conditions prescribe at a place of their sets, for strong and for weak forms: tractions add,
-!> displacements must agree
+!> Values prescribed by conditions at a point of their sets, for strong and for weak forms:
+!> tractions are added, displacements must agree
 subroutine conditions_at(scene, here, x, fixed, value, traction, error, time)
    type(scene_type), intent(in) :: scene
-   !> Whether the place lies in the set of each, shape (conditions)
+   !> Whether the point lies in the set of each, shape (conditions)
    logical, intent(in) :: here(:)
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Prescribed components
    logical, intent(out) :: fixed(3)
-   !> Their displacement that each load factor makes, shape (factors, 3) [length]
+   !> Their displacement for each load factor, shape (factors, 3) [length]
    real(wp), intent(out) :: value(:, :)
-   !> Traction that each makes, which acts where nothing is prescribed, shape (factors, 3)
+   !> Traction for each load factor, which acts where nothing is prescribed, shape (factors, 3)
    !> [force/area]
    real(wp), intent(out) :: traction(:, :)
-   !> Error handling: no direction on the axis, an expression that is not finite, sets that overlap
-   !> and prescribe two displacements
+   !> Error handling: no direction on the axis, an expression that is not finite, overlapping sets
+   !> that prescribe two displacements
    type(error_type), allocatable, intent(out) :: error
-   !> Time of expressions in it, 0 without
+   !> Time for expressions in it; 0 if absent
    real(wp), intent(in), optional :: time
    logical :: own(3)
    real(wp) :: g(size(value, 1), 3), h(3), arm(3), turn(3)

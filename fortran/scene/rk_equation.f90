@@ -1,4 +1,4 @@
-!> What a linear problem is, as plain data: operator, loads, motion.
+!> Definition of a linear problem, as plain data: operator, loads, motion.
 module rk_equation
    use rk_deck_records, only : dynamics_keys, linear_keys
    use rk_error, only : error_type, fatal_error, err_input
@@ -10,12 +10,12 @@ module rk_equation
    public :: equation_type, motion_type
    public :: solution_at, source_at
 
-   !> Distance of values whose differences are derivatives, in sizes of the body [-]
+   !> Distance of the points of finite differences, in sizes of the body [-]
    real(wp), parameter :: difference = 1.0e-3_wp
 
    !> A boundary point where components of a linear problem's solution are prescribed
    type :: pin_type
-      !> Place [length]
+      !> Position [length]
       real(wp) :: point(3) = 0.0_wp
       !> Components
       logical :: fixed(3) = .false.
@@ -26,15 +26,15 @@ module rk_equation
    type, extends(linear_keys) :: equation_type
       !> Size of the body [length]
       real(wp) :: extent(3) = 1.0_wp
-      !> Single points where it is 0
+      !> Single points where the solution is prescribed as 0
       type(pin_type), allocatable :: pin(:)
    contains
       procedure :: varies, is_known, fields
    end type equation_type
 
-   !> What makes a linear problem move
+   !> Dynamics of a linear problem
    type, extends(dynamics_keys) :: motion_type
-      !> Essential rows of collocation as published
+      !> Rows of prescribed values in collocation as published
       logical :: published = .false.
    contains
       procedure :: density_at, initial
@@ -44,11 +44,11 @@ contains
 
 subroutine density_at(self, x, density, error)
    class(motion_type), intent(in) :: self
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Mass per volume
    real(wp), intent(out) :: density
-   !> Error handling: no value there, or none that is possible
+   !> Error handling: no value there, or an invalid one
    type(error_type), allocatable, intent(inout) :: error
 
    call self%density%at(x, density, error)
@@ -57,11 +57,11 @@ subroutine density_at(self, x, density, error)
       & //to_text(density)//' as at '//to_text(x))
 end subroutine density_at
 
-!> Velocity at the start
+!> Initial velocity
 subroutine initial(self, x, value, error)
    class(motion_type), intent(in) :: self
    real(wp), intent(in) :: x(:)
-   !> Components, those of no meaning 0
+   !> Components; unused ones are 0
    real(wp), intent(out) :: value(3)
    !> Error handling: no value there
    type(error_type), allocatable, intent(inout) :: error
@@ -86,7 +86,7 @@ pure logical function is_known(self)
    is_known = self%exact(1)%given()
 end function is_known
 
-!> Components of the solution: one of Poisson's problem, else those of the displacement
+!> Number of components of the solution: one for Poisson's problem, else those of displacement
 pure integer function fields(self, nd)
    class(equation_type), intent(in) :: self
    integer, intent(in) :: nd
@@ -99,11 +99,11 @@ end function fields
 subroutine solution_at(equation, x, time, u, error)
    !> Problem, whose solution is known
    type(equation_type), intent(in) :: equation
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Time, of no meaning where nothing moves
+   !> Time, not used if nothing moves
    real(wp), intent(in) :: time
-   !> Value and first derivatives of each field, behind them what is not known, shape (fields, nq)
+   !> Value and first derivatives of each field; unknown derivatives are 0, shape (fields, nq)
    real(wp), intent(out) :: u(:, :)
    !> Error handling: an expression without a value there
    type(error_type), allocatable, intent(inout) :: error
@@ -120,9 +120,9 @@ end subroutine solution_at
 !> Source or body force
 subroutine source_at(equation, x, time, f, error)
    type(equation_type), intent(in) :: equation
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   !> Time, of no meaning where nothing moves
+   !> Time, not used if nothing moves
    real(wp), intent(in) :: time
    !> Source of each field, shape (fields) [force/length^3]
    real(wp), intent(out) :: f(:)

@@ -1,9 +1,9 @@
-!> Slopes of fibers whose direction varies from point to point.
+!> Gradients of fiber directions that vary from point to point.
 !>
-!> P depends on the place through F and through the fiber direction N, so that
+!> P depends on the position through F and through the fiber direction N, so that
 !>    P_iA,A = C4_iAkC u_k,CA + dP_iA/dN_k N_k,A.
 !> The second term is the pull of fibers that converge or bend; without it a pennate muscle is out
-!> of balance by as much as its fibers spread. N and -N are the same fiber: the slope is that of the
+!> of balance by the spread of its fibers. N and -N are the same fiber: the slope is that of the
 !> tensor N N, of which N_k,A = (N_k N_l),A N_l because N has unit length.
 module rk_fiber_gradient
    use rk_csr, only : csr_type
@@ -18,29 +18,29 @@ module rk_fiber_gradient
 
    public :: fiber_gradients
 
-   !> Window of the fit in source spacings: what the unknowns can follow; noise is averaged
+   !> Window of the fit in source spacings: the resolution of the unknowns; noise is averaged out
    real(wp), parameter :: reach = 1.5_wp
-   !> Share of the square distances added to each direction of the fit, so that a direction in which
-   !> a point has no neighbours gets no slope
+   !> Share of the squared distances added to each direction of the fit, so that the slope is zero
+   !> in a direction in which a point has no neighbours
    real(wp), parameter :: damping = 1.0e-8_wp
-   !> Turn over a window that is rounding: fibers are parallel [-]
+   !> Turn over a window below which fibers count as parallel [-]
    real(wp), parameter :: rounding = 1.0e-9_wp
 
 contains
 
-!> Slopes of the fiber directions, from a linear fit to the fibers of the same tissue around
+!> Slopes of the fiber directions, from a linear fit to the surrounding fibers of the same tissue
 subroutine fiber_gradients(scene, slope, error)
    !> Scene with fibers and tissues
    type(scene_type), intent(in) :: scene
-   !> N_k,A of each collocation point, shape (3, nd, nc) [1/length]; not allocated where no form or
-   !> no tissue needs them
+   !> N_k,A of each collocation point, shape (3, nd, nc) [1/length]; not allocated if no form or no
+   !> tissue needs them
    real(wp), allocatable, intent(out) :: slope(:, :, :)
    type(error_type), allocatable, intent(out) :: error
    type(csr_type) :: near
    real(wp), allocatable :: window(:, :)
    integer :: ip, nc, nd
 
-   ! integrals of weak forms have no derivatives of the stress
+   ! weak forms contain no derivatives of the stress
    if (index(scene%method, 'rkcm') /= 1 .or. .not. any(abs(scene%cloud%fiber) > 0.0_wp)) return
    associate (cloud => scene%cloud)
       nc = size(cloud%points, 2)
@@ -94,7 +94,7 @@ pure function fitted_slope(scene, window, near, ip) result(slope)
    call solve_definite(moment, right)
    do d = 1, nd
       slope(:, d) = right(d, :)/window(d, ip)
-      ! a unit vector turns, it does not grow
+      ! a unit vector only rotates
       slope(:, d) = slope(:, d) - n*dot_product(n, slope(:, d))
    end do
    where (abs(slope) < rounding/maxval(window(:, ip))) slope = 0.0_wp

@@ -1,4 +1,4 @@
-!> Fractions of tissues at places, and the points whose fibers a tissue has there.
+!> Fractions of tissues at given positions, and the points whose fibers a tissue has there.
 module rk_fractions
    use rk_error, only : error_type
    use rk_material, only : kind_i4
@@ -12,9 +12,9 @@ module rk_fractions
 
    public :: own_parts, parts_at, shares, fractions, has_fibers, fibered_points
 
-   !> Fractions below this are none [-]
+   !> Fractions below this are set to zero [-]
    real(wp), parameter :: nothing = 1.0e-8_wp
-   !> A place so far beyond a plane on which tissues meet, in supports, has the tissue there [-]
+   !> Offset beyond a plane on which tissues meet, in supports, at which the tissue is evaluated [-]
    real(wp), parameter :: beyond = 1.0e-7_wp
 
 contains
@@ -36,11 +36,11 @@ pure function own_parts(scene, ip) result(part)
    end if
 end function own_parts
 
-!> Fractions of the tissues at a place of a body in which these have their parts: one or none; on a
-!> plane on which they meet that beyond it, whose derivatives shape functions have there
+!> Fractions of the tissues at a position of a body whose tissues are given by regions: 0 or 1; on a
+!> plane on which they meet those beyond it, the side of the derivatives of shape functions
 subroutine parts_at(scene, place, part, error)
    type(scene_type), intent(in) :: scene
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: place(:)
    real(wp), intent(out) :: part(:)
    !> Error handling: an expression without a value there
@@ -103,13 +103,13 @@ function shares(scene) result(share)
    end do
 end function shares
 
-!> Fractions of all tissues at a place with their gradients
+!> Fractions of all tissues at a position with their gradients
 subroutine fractions(shape, share, ip, part, gradient)
    !> Shape functions of order 0
    type(shape_type), target, intent(in) :: shape
    !> Fractions that belong to each source point, shape (nt, ns) [-]
    real(wp), intent(in) :: share(:, :)
-   !> Place
+   !> Index of the position
    integer, intent(in) :: ip
    !> Fractions, shape (nt) [-]
    real(wp), intent(out) :: part(:)
@@ -145,8 +145,8 @@ pure logical function has_fibers(scene, k, at)
       & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
 end function has_fibers
 
-!> Collocation points whose fibers a tissue has at all of them: themselves, or the nearest of the
-!> tissue
+!> For each collocation point, the one whose fibers a tissue has there: the point itself, or the
+!> nearest of the tissue
 function fibered_points(scene, k) result(at)
    type(scene_type), intent(in) :: scene
    !> Tissue with fibers

@@ -8,7 +8,7 @@ module rk_lattice
    public :: new_box, new_annulus, lattice_frame, set_number, digits_of, place_of
    public :: box_sides, lattice_coordinates, outside_lattice, place_at
 
-   !> Spacing at a side towards which a box is graded, of the mean one [-]
+   !> Spacing at a side towards which a box is graded, relative to the mean spacing [-]
    real(wp), parameter :: at_side = 0.5_wp
 
    !> Names of the faces, in the order of set_number
@@ -26,7 +26,7 @@ subroutine new_box(self, size_, source, place, graded)
    integer, intent(in) :: source(:)
    !> Collocation points in each direction, shape (nd), >= 2
    integer, intent(in) :: place(:)
-   !> Sides towards which the spacing shrinks, in the order of set_number; none without it
+   !> Sides towards which the spacing shrinks, in the order of set_number; none if absent
    logical, intent(in), optional :: graded(:)
    integer, allocatable :: at(:, :)
    logical :: ends(2, size(size_))
@@ -66,7 +66,7 @@ subroutine new_box(self, size_, source, place, graded)
 
 contains
 
-   !> Share of a face, or of the body where no direction is left out
+   !> Share of a face, or of the volume if no direction is left out
    pure real(wp) function share(index, left_out)
       integer, intent(in) :: index(:)
       integer, intent(in) :: left_out
@@ -86,7 +86,7 @@ subroutine grade(self, size_, ends, place, weight)
    type(cloud_type), intent(inout) :: self
    !> Edge lengths, shape (nd) [length]
    real(wp), intent(in) :: size_(:)
-   !> Low and high sides towards which they move, shape (2, nd)
+   !> Low and high sides towards which the points move, shape (2, nd)
    logical, intent(in) :: ends(:, :)
    !> Collocation points in each direction, shape (nd)
    integer, intent(in) :: place(:)
@@ -105,7 +105,7 @@ subroutine grade(self, size_, ends, place, weight)
       x = size_(d)*nearer([(real(k, wp)/(n - 1), k=0, n - 1)], ends(:, d))
       self%line(:n - 1, d) = x
       gap = x(2:) - x(:n - 1)
-      ! supports reach over the wider of the gaps beside a point
+      ! supports are based on the wider of the gaps beside a point
       gap = max([gap(1), gap], [gap, gap(n - 1)])
       self%spacing(d, :) = gap(at(d, :) + 1)
       if (.not. any(ends(:, d))) cycle
@@ -115,11 +115,11 @@ subroutine grade(self, size_, ends, place, weight)
    end do
 end subroutine grade
 
-!> Share of a length that lies before a point, moved towards one end of it or both
+!> Share of a length before a point, moved towards one or both ends
 pure function nearer(share, ends) result(moved)
-   !> Share of evenly spaced points, shape (n) [-]
+   !> Share for evenly spaced points, shape (n) [-]
    real(wp), intent(in) :: share(:)
-   !> Ends towards which they move, shape (2)
+   !> Ends towards which the points move, shape (2)
    logical, intent(in) :: ends(2)
    real(wp) :: moved(size(share))
    real(wp), parameter :: less = 1.0_wp - at_side
@@ -135,7 +135,7 @@ pure function nearer(share, ends) result(moved)
    end if
 end function nearer
 
-!> Sides of a box whose names are in a text, in the order of set_number
+!> Sides of a box that are named in a text, in the order of set_number
 pure function box_sides(names) result(named)
    character(len=*), intent(in) :: names
    logical :: named(size(box_faces))
@@ -198,7 +198,7 @@ subroutine new_annulus(self, inner, outer, source, place)
 
 contains
 
-   !> From radius offset and angle to the plane; the axes are met exactly
+   !> From radius offset and angle to the plane; points on the axes lie exactly on them
    pure function bend(x) result(y)
       real(wp), intent(in) :: x(:, :)
       real(wp) :: y(2, size(x, 2))
@@ -212,7 +212,7 @@ contains
 
 end subroutine new_annulus
 
-!> Corner and spacing of a lattice, in radius and angle where it is polar
+!> Corner and spacing of a lattice, in radius and angle if it is polar
 pure subroutine lattice_frame(cloud, low, step)
    !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud
@@ -234,10 +234,10 @@ pure subroutine lattice_frame(cloud, low, step)
    end if
 end subroutine lattice_frame
 
-!> Coordinates along the directions of a lattice: of a polar one radius and angle
+!> Coordinates along the directions of a lattice: radius and angle if it is polar
 pure function lattice_coordinates(cloud, x) result(q)
    type(cloud_type), intent(in) :: cloud
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    real(wp) :: q(size(x))
 
@@ -245,7 +245,7 @@ pure function lattice_coordinates(cloud, x) result(q)
    if (cloud%polar) q = [norm2(x), atan2(x(2), x(1))]
 end function lattice_coordinates
 
-!> The reverse
+!> The inverse map
 pure function place_at(cloud, q) result(x)
    type(cloud_type), intent(in) :: cloud
    real(wp), intent(in) :: q(:)
@@ -255,12 +255,12 @@ pure function place_at(cloud, q) result(x)
    if (cloud%polar) x = q(1)*[cos(q(2)), sin(q(2))]
 end function place_at
 
-!> Whether a place lies outside the body of a lattice; points on the surface may be off it by
+!> Whether a position lies outside the body of a lattice; points on the surface may be off it by
 !> rounding
 pure logical function outside_lattice(cloud, x)
    !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    real(wp), parameter :: slack = 1.0e-9_wp
    real(wp) :: low(3), step(3), at(3), extent(3)
@@ -274,7 +274,7 @@ end function outside_lattice
 
 !> Boundary set of a face of a lattice
 pure integer function set_number(polar, axis, end)
-   !> Radius and angle
+   !> The directions are radius and angle
    logical, intent(in) :: polar
    !> Direction of the face's normal
    integer, intent(in) :: axis
@@ -289,7 +289,7 @@ end function set_number
 pure integer function place_of(digit, base)
    !> Digits, the last one fastest
    integer, intent(in) :: digit(:)
-   !> Values of each digit
+   !> Number of values of each digit
    integer, intent(in) :: base(:)
    integer :: d
 
@@ -304,7 +304,7 @@ end function place_of
 pure function digits_of(number, base) result(digit)
    !> Number, from 0
    integer, intent(in) :: number
-   !> Values of each digit
+   !> Number of values of each digit
    integer, intent(in) :: base(:)
    integer :: digit(size(base))
    integer :: d, rest
@@ -316,7 +316,7 @@ pure function digits_of(number, base) result(digit)
    end do
 end function digits_of
 
-!> Regular grid of places, last direction fastest
+!> Indices of a regular grid, last direction fastest
 pure function grid(n) result(index)
    !> Points in each direction, shape (nd)
    integer, intent(in) :: n(:)
@@ -333,7 +333,7 @@ pure function grid_points(n, length, centres) result(x)
    integer, intent(in) :: n(:)
    !> Edge lengths, shape (nd) [length]
    real(wp), intent(in) :: length(:)
-   !> 1 for centres, 0 for points
+   !> 1 for centres of cells, 0 for points
    integer, intent(in) :: centres
    real(wp) :: x(size(n), product(n - centres))
    integer :: at(size(n), product(n - centres)), d
@@ -344,12 +344,12 @@ pure function grid_points(n, length, centres) result(x)
    end do
 end function grid_points
 
-!> Weight of a point in the integral over a line: Simpson's rule, with an even number of points the
-!> trapezoidal rule
+!> Weight of a point in the integral over a line: Simpson's rule, or the trapezoidal rule for an
+!> even number of points
 pure real(wp) function quadrature(i, n, length)
    !> Point, counted from 0
    integer, intent(in) :: i
-   !> Points
+   !> Number of points
    integer, intent(in) :: n
    !> Length of the line [length]
    real(wp), intent(in) :: length
@@ -363,7 +363,7 @@ pure real(wp) function quadrature(i, n, length)
    quadrature = quadrature*length/(n - 1)
 end function quadrature
 
-!> One tissue, no fibers, and room for boundary entries
+!> Initialise one tissue, no fibers, and arrays for boundary entries
 subroutine start_boundary(self, n)
    !> Cloud with collocation points
    type(cloud_type), intent(inout) :: self
@@ -377,7 +377,7 @@ end subroutine start_boundary
 
 subroutine add_entry(self, n, point, set, normal, area)
    type(cloud_type), intent(inout) :: self
-   !> Entries so far
+   !> Number of entries so far
    integer, intent(inout) :: n
    !> Collocation point
    integer, intent(in) :: point

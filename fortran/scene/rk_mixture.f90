@@ -1,22 +1,22 @@
-!> The material of every place: one tissue, or near an interface several with smooth fractions.
+!> The material at every position: one tissue, or several near an interface, with smooth fractions.
 !>
-!> Tissues belong to source points, each to one or, where the voxels of a model hold several, to
-!> these by their fractions of the volume. The fractions at a place are the sums of the points'
-!> reproducing kernel functions of order 0 times theirs: never negative, so that a soft tissue
-!> beside a stiff one keeps a positive modulus. All energies are linear in their moduli: mixing
-!> energies is interpolating moduli. The strong form then has the term P_t grad(fraction_t) beside
-!> the derivatives of the stress.
+!> Tissues belong to source points, each to one or, where the voxels of a model contain several, to
+!> several by their volume fractions. The fractions at a position are the reproducing kernel
+!> functions of order 0 times the points' fractions: never negative, so that a soft tissue beside a
+!> stiff one keeps a positive modulus. All energies are linear in their moduli: mixing energies is
+!> the same as interpolating moduli. The strong form then has the term P_t grad(fraction_t) in
+!> addition to the derivatives of the stress.
 !>
-!> With a reach of 0 a place has the tissues of its voxel, of a box or an annulus the one tissue
-!> that is there. They jump from one place to the next, which integrals of a Galerkin form allow.
+!> With a reach of 0 a position has the tissues of its voxel, in a box or an annulus the single
+!> tissue there. They jump from one position to the next, which integrals of a Galerkin form allow.
 !>
-!> Fibers: a muscle's fraction reaches into fat, where no fiber was measured. With the fiber of the
-!> muscle's nearest point all of the fraction acts, and the volume that contracts is the muscle's.
-!> With each point's own fiber a layer at the interface, in proportion to its width, stays passive
-!> (docs/galerkin.md), and the fraction of fibers jumps there, which only Galerkin forms allow.
+!> Fibers: a muscle's fraction extends into fat, where no fiber was measured. With the fiber of the
+!> muscle's nearest point the whole fraction is active, and the volume of the muscle contracts. With
+!> each point's own fiber a layer at the interface, in proportion to its width, is passive
+!> (docs/galerkin.md), and the fraction of fibers jumps there: only for Galerkin forms.
 !>
-!> A linear problem has the coefficients of its operator in place of tissues: its stress is linear
-!> in the gradient, which stands in the place of F.
+!> A linear problem has the coefficients of its operator instead of tissues: its stress is linear in
+!> the gradient, which takes the place of F.
 !>
 !> Reference: thesis section 4.2.2
 module rk_mixture
@@ -37,45 +37,45 @@ module rk_mixture
 
    public :: mixture_type, new_mixture
 
-   !> Share of the largest lambda of a body that counts for none [-]
+   !> Share of the largest lambda of a body that is negligible [-]
    real(wp), parameter :: least = 1.0e-6_wp
-   !> Shear modulus over the bulk modulus below which a place is as incompressible as its tissue [-]
+   !> Shear over bulk modulus below which a position is as incompressible as its tissue [-]
    real(wp), parameter :: trace = 1.0e-5_wp
-   !> Part of an activation by which the mean of the corners of a spacing is off the middle, above
-   !> which it is not linear there [-]
+   !> Difference between the mean of an activation at the corners of a spacing and its value at the
+   !> centre, above which it is not linear there [-]
    real(wp), parameter :: bent_level = 1.0e-3_wp
-   !> The same at a jump, of the largest part: at the point nearest to a jump the mean is off by a
-   !> quarter of it or more [-]
+   !> The same at a jump, relative to the largest activation: at the point nearest to a jump the
+   !> mean differs by a quarter of it or more [-]
    real(wp), parameter :: least_jump = 0.2_wp
-   !> Part by which roundings of an expression, of terms of size one, may leave 0 to 1 [-]
+   !> Rounding by which an expression with terms of size one may lie outside 0 to 1 [-]
    real(wp), parameter :: rounded = 1.0e3_wp*epsilon(1.0_wp)
 
-   !> Tissues at places in compressed rows
+   !> Tissues at given positions in compressed rows
    type :: mixture_type
       private
-      !> What is modelled
+      !> Scene
       type(scene_type), pointer :: scene => null()
-      !> The tissues of place i are entries first(i)+1 .. first(i+1), shape (np + 1)
+      !> The tissues of position i are entries first(i)+1 .. first(i+1), shape (np + 1)
       integer, allocatable :: first(:)
       !> Tissue of each entry
       integer, allocatable :: tissue(:)
-      !> Fraction of the tissue, the sum at a place is 1 [-]
+      !> Fraction of the tissue; the sum at a position is 1 [-]
       real(wp), allocatable :: fraction(:)
       !> Its gradient, shape (3, entries) [1/length]
       real(wp), allocatable :: slope(:, :)
       !> Fiber of the tissue, shape (3, entries) [-]
       real(wp), allocatable :: fiber(:, :)
-      !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated where no form or no
+      !> Its derivatives N_k,A, shape (3, nd, entries) [1/length]; not allocated if no form or no
       !> tissue needs them
       real(wp), allocatable :: fiber_gradient(:, :, :)
-      !> Part of its muscle's activation that each entry has, shape (entries); not allocated where
-      !> all have all of it [-]
+      !> Activation of each entry relative to that of its muscle, shape (entries); not allocated
+      !> where it is 1 everywhere [-]
       real(wp), allocatable :: level(:)
-      !> Lambda and mu of a linear problem at each place, shape (2, np) [stress]
+      !> Lambda and mu of a linear problem at each position, shape (2, np) [stress]
       real(wp), allocatable, public :: pair(:, :)
       !> Their gradients, for strong forms, shape (2, nd, np) [stress/length]
       real(wp), allocatable :: pair_slope(:, :, :)
-      !> Least lambda that acts: where it is none beside others, as much as counts for none [stress]
+      !> Least lambda in use: a negligible value replaces zeros beside other values [stress]
       real(wp) :: least_lambda = -huge(1.0_wp)
    contains
       procedure :: parts, bulk, bulk_at_one_pressure, shear_modulus
@@ -85,14 +85,14 @@ module rk_mixture
 
 contains
 
-!> Find the tissues of places
+!> Find the tissues at given positions
 subroutine new_mixture(self, scene, position, nearest, error)
    type(mixture_type), intent(out) :: self
    !> Scene, which must outlive the mixture
    type(scene_type), target, intent(in) :: scene
-   !> Places, shape (nd, np) [length]
+   !> Positions, shape (nd, np) [length]
    real(wp), intent(in) :: position(:, :)
-   !> Collocation point nearest to each place, shape (np)
+   !> Collocation point nearest to each position, shape (np)
    integer, intent(in) :: nearest(:)
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: shape
@@ -167,7 +167,7 @@ subroutine new_mixture(self, scene, position, nearest, error)
    end do
 end subroutine new_mixture
 
-!> Whether the tissues of a box or an annulus meet without a width on other surfaces than planes
+!> Whether the tissues of a box or an annulus meet abruptly on surfaces other than planes
 pure logical function meets(self)
    class(mixture_type), intent(in) :: self
    integer :: k
@@ -177,7 +177,7 @@ pure logical function meets(self)
       & .and. any([(self%scene%tissue(k)%part%given(), k=1, size(self%scene%tissue))])
 end function meets
 
-!> Whether the activation of a tissue jumps on a lattice, where its mean over a spacing differs
+!> Whether the activation of a tissue jumps on a lattice, off its mean over a spacing
 logical function activation_jumps(self)
    class(mixture_type), intent(in) :: self
    type(error_type), allocatable :: error
@@ -199,16 +199,16 @@ logical function activation_jumps(self)
    end do
 end function activation_jumps
 
-!> Tissues of a place with their fractions and fibers
+!> Tissues of a position with their fractions and fibers
 pure subroutine parts(self, ip, tissue, fraction, fiber)
    class(mixture_type), intent(in) :: self
-   !> Place
+   !> Index of the position
    integer, intent(in) :: ip
    !> Tissues, shape (k)
    integer, allocatable, intent(out) :: tissue(:)
    !> Their fractions, shape (k) [-]
    real(wp), allocatable, intent(out) :: fraction(:)
-   !> Their fibers, zeros where there is none, shape (3, k) [-]
+   !> Their fibers, zeros if there is none, shape (3, k) [-]
    real(wp), allocatable, intent(out) :: fiber(:, :)
 
    associate (first => self%first(ip) + 1, last => self%first(ip + 1))
@@ -218,7 +218,7 @@ pure subroutine parts(self, ip, tissue, fraction, fiber)
    end associate
 end subroutine parts
 
-!> Where the material of an entry is asked; tissues without fibers have no activation
+!> State at which the material of an entry is evaluated; tissues without fibers have no activation
 pure function point_of(self, e, f, load, volumetric) result(at)
    class(mixture_type), intent(in) :: self
    !> Entry
@@ -227,7 +227,7 @@ pure function point_of(self, e, f, load, volumetric) result(at)
    real(wp), intent(in) :: f(3, 3)
    !> Load [-]
    real(wp), intent(in) :: load
-   !> Include K/2 (J-1)^2?
+   !> Whether to include K/2 (J-1)^2
    logical, intent(in) :: volumetric
    type(material_point) :: at
 
@@ -239,7 +239,7 @@ pure function point_of(self, e, f, load, volumetric) result(at)
    if (allocated(self%level)) at%activation = self%level(e)*at%activation
 end function point_of
 
-!> Bulk modulus at a place [stress]
+!> Bulk modulus at a position [stress]
 pure real(wp) function bulk(self, ip)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
@@ -251,8 +251,8 @@ pure real(wp) function bulk(self, ip)
    end do
 end function bulk
 
-!> Bulk modulus at a place where tissues share one pressure: their changes of volume add up, so that
-!> a share of stiff tissue takes no more than its own away [stress]
+!> Bulk modulus at a position where tissues share one pressure: their compliances add up, so that a
+!> share of stiff tissue reduces the compliance only by its own share [stress]
 pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
@@ -273,12 +273,12 @@ pure real(wp) function bulk_at_one_pressure(self, ip) result(bulk)
          shear = max(shear, material%shear)
       end associate
    end do
-   ! a trace of another tissue does not make one compressible that is not
+   ! a trace of another tissue does not make an incompressible one compressible
    if (bulk > huge(1.0_wp) .and. .not. compliance*shear > trace) return
    bulk = 1.0_wp/compliance
 end function bulk_at_one_pressure
 
-!> Shear modulus of a deformed state at a place, without fibers [stress]
+!> Shear modulus of a deformed state at a position, without fibers [stress]
 pure real(wp) function shear_modulus(self, ip, f)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
@@ -296,7 +296,7 @@ pure real(wp) function shear_modulus(self, ip, f)
    end do
 end function shear_modulus
 
-!> Fraction of a tissue at a place [-]
+!> Fraction of a tissue at a position [-]
 pure real(wp) function part_of(self, ip, tissue)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
@@ -307,7 +307,7 @@ pure real(wp) function part_of(self, ip, tissue)
    end associate
 end function part_of
 
-!> Energy of a tissue at a place, times its fraction [stress]
+!> Energy of a tissue at a position, times its fraction [stress]
 pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
@@ -327,7 +327,7 @@ pure real(wp) function energy(self, ip, f, load, tissue, volumetric)
    end do
 end function energy
 
-!> First Piola-Kirchhoff stress at a place and, where wanted, its tangent
+!> First Piola-Kirchhoff stress at a position and, if requested, its tangent
 pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
@@ -338,7 +338,7 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
    !> Tangent C4(i,A,j,B) [stress]
    real(wp), intent(out), optional :: c4(3, 3, 3, 3)
    logical, intent(in) :: volumetric
-   !> The part of this tissue alone
+   !> Include only the part of this tissue
    integer, intent(in), optional :: tissue
    real(wp) :: part(3, 3), part4(3, 3, 3, 3)
    integer :: b, e, k
@@ -357,7 +357,7 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
    end if
    e = self%first(ip) + 1
    if (e == self%first(ip + 1) .and. .not. present(tissue)) then
-      ! nearly all places have one tissue
+      ! nearly all positions have one tissue
       call self%scene%tissue(self%tissue(e))%material%stress(point_of(self, e, f, load, &
          & volumetric), p, c4)
       p = self%fraction(e)*p
@@ -382,7 +382,7 @@ pure subroutine stress(self, ip, f, load, p, c4, volumetric, tissue)
    end do
 end subroutine stress
 
-!> Divergence of the stress, and everything a row of the strong form needs
+!> Divergence of the stress, and all terms of a row of the strong form
 pure subroutine strong(self, ip, nd, f, h, load, volumetric, divergence, p, c4, t)
    class(mixture_type), intent(in) :: self
    integer, intent(in) :: ip
@@ -392,14 +392,14 @@ pure subroutine strong(self, ip, nd, f, h, load, volumetric, divergence, p, c4, 
    !> Second derivatives of the displacement H(j,B,A) = u_j,BA [1/length]
    real(wp), intent(in) :: h(3, 3, 3)
    real(wp), intent(in) :: load
-   !> Include K/2 (J-1)^2?
+   !> Whether to include K/2 (J-1)^2
    logical, intent(in) :: volumetric
    !> P_iA,A [stress/length]
    real(wp), intent(out) :: divergence(3)
    real(wp), intent(out) :: p(3, 3)
    !> Tangent C4(i,A,j,B), which is the divergence's derivative by H(j,B,A) [stress]
    real(wp), intent(out) :: c4(3, 3, 3, 3)
-   !> Derivative T(i,k,C) of the divergence by F(k,C), where it is wanted [stress/length]
+   !> Derivative T(i,k,C) of the divergence by F(k,C), if requested [stress/length]
    real(wp), intent(out), optional :: t(3, 3, 3)
    real(wp) :: part(3, 3), part4(3, 3, 3, 3), slope(3, 3, 3), pull(3)
    real(wp) :: turn(3, nd)
@@ -455,15 +455,15 @@ pure subroutine strong(self, ip, nd, f, h, load, volumetric, divergence, p, c4, 
    end do
 end subroutine strong
 
-!> Mixture of one place of a nonlinear problem that self does not have: tissues and fibers are those
-!> of a place near by, an activation by an expression is that of the place itself, by the rule that
-!> integration points follow. Where it is linear, or nearly so, that is its value; where it jumps,
-!> the displacements have seen its mean over a spacing, and the stress that balances has this mean
+!> Mixture at a position that self does not contain (nonlinear problems): tissues and fibers of a
+!> nearby position, but an activation by expression at the position itself, by the rule for
+!> integration points. Where it is linear, or nearly so, its value is taken; where it jumps, its
+!> mean over a spacing, as in the displacements and the balance of stress
 subroutine beside(self, ip, place, one)
    class(mixture_type), intent(in) :: self
-   !> Place near by
+   !> Index of the nearby position
    integer, intent(in) :: ip
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: place(:)
    type(mixture_type), intent(out) :: one
    type(error_type), allocatable :: error
@@ -479,7 +479,7 @@ subroutine beside(self, ip, place, one)
       if (allocated(self%level)) one%level = self%level(first:last)
    end associate
    if (.not. allocated(one%level)) return
-   ! a collocation point is its own place
+   ! a collocation point needs no evaluation
    if (ip <= size(self%scene%cloud%points, 2)) then
       if (.not. any(abs(place - self%scene%cloud%points(:, ip)) > 0.0_wp)) return
    end if
@@ -487,7 +487,7 @@ subroutine beside(self, ip, place, one)
       if (.not. (self%scene%tissue(one%tissue(e))%level%given() &
          & .and. norm2(one%fiber(:, e)) > 0.0_wp)) cycle
       call find_level(self%scene, one%tissue(e), 0, place, level, error)
-      ! an expression without a value here is what it is near by
+      ! an expression without a value here has that of the nearby position
       if (.not. allocated(error)) one%level(e) = level
       if (allocated(error)) deallocate (error)
    end do
@@ -501,17 +501,16 @@ pure logical function has_levels(scene)
       & .or. any([(scene%tissue(k)%level%given(), k=1, size(scene%tissue))])
 end function has_levels
 
-!> Part of its activation that a muscle has at a place
+!> Activation of a muscle at a position, relative to that of the muscle
 subroutine find_level(scene, tissue, point, place, level, error)
    type(scene_type), intent(in) :: scene
    !> Muscle
    integer, intent(in) :: tissue
-   !> Collocation point whose fibers it has there, of no meaning where its activation is an
-   !> expression
+   !> Collocation point whose fibers it has there, not used if its activation is an expression
    integer, intent(in) :: point
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: place(:)
-   !> Part, from 0 to 1 [-]
+   !> Relative activation, from 0 to 1 [-]
    real(wp), intent(out) :: level
    !> Error handling: an expression without a value there, or with one out of range
    type(error_type), allocatable, intent(inout) :: error
@@ -534,15 +533,15 @@ subroutine find_level(scene, tissue, point, place, level, error)
    end associate
 end subroutine find_level
 
-!> Mean of a part over a spacing around a place of a lattice: a jump between points then acts on as
-!> much volume as it should. What is linear there stays as it is
+!> Mean of an activation over a spacing around a position of a lattice: a jump between points then
+!> acts on the right volume. Where the activation is linear, it is not changed
 subroutine spread_level(scene, given, place, level)
    !> Scene, whose cloud has a lattice
    type(scene_type), intent(in) :: scene
    type(expression_type), intent(in) :: given
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: place(:)
-   !> Part there; then its mean [-]
+   !> Value there; on return its mean [-]
    real(wp), intent(inout) :: level
    type(error_type), allocatable :: error
    real(wp), dimension(size(place)) :: q, half
@@ -551,7 +550,7 @@ subroutine spread_level(scene, given, place, level)
 
    call lattice_frame(scene%cloud, low, step)
    q = lattice_coordinates(scene%cloud, place)
-   ! as far to either side, so that a slope has no part in the mean
+   ! as far to either side, so that a slope does not change the mean
    associate (before => q - low(:size(q)), spacing => step(:size(q)))
       half = max(0.0_wp, min(0.5_wp*spacing, before, spacing*(scene%cloud%lattice - 1) - before))
    end associate
@@ -563,9 +562,9 @@ subroutine spread_level(scene, given, place, level)
          end associate
       end do
    end if
-   ! the midpoints of two parts each way are half as far away
+   ! the midpoints of two parts in each direction are half as far away
    call mean_of(2, 2.0_wp*half, corners)
-   ! an expression without a value nearby is what it is here
+   ! if an expression has no value nearby, the value at the position is kept
    if (allocated(error) .or. .not. abs(corners - level) > bent_level) return
    call mean_of(merge(24, 8, size(place) == 2), half, mean)
    if (.not. allocated(error)) level = min(max(mean, 0.0_wp), 1.0_wp)
@@ -574,7 +573,7 @@ contains
 
    !> Mean over equal parts of a box, by their midpoints
    subroutine mean_of(parts, reach, mean)
-      !> Parts in each direction
+      !> Number of parts in each direction
       integer, intent(in) :: parts
       !> Half the width of the box, shape (nd)
       real(wp), intent(in) :: reach(:)

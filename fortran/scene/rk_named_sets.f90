@@ -1,6 +1,6 @@
-!> Boundary sets that are parts of the surface with names: which of its places lie in which.
+!> Boundary sets that are named parts of the surface: assignment of positions to sets.
 !>
-!> Every place lies in the set of its side, and in those of all regions that hold it. Sets may
+!> Every position lies in the set of its side, and in those of all regions that contain it. Sets may
 !> overlap.
 module rk_named_sets
    use rk_cloud, only : cloud_type
@@ -14,7 +14,7 @@ module rk_named_sets
 
    public :: add_set, sets_of, extent_of
 
-   !> Places in each direction of a side at which the extent of a set is looked at, by dimension
+   !> Samples in each direction of a side by which the extent of a set is measured, by dimension
    integer, parameter :: samples(3) = [1, 1024, 96]
 
 contains
@@ -25,7 +25,7 @@ subroutine add_set(cloud, name, region, found, error)
    type(cloud_type), intent(inout) :: cloud
    character(len=*), intent(in) :: name
    type(region_type), intent(in) :: region
-   !> It holds a boundary entry
+   !> Whether it contains a boundary entry
    logical, intent(out) :: found
    !> Error handling: an expression that is not finite somewhere
    type(error_type), allocatable, intent(inout) :: error
@@ -56,15 +56,15 @@ subroutine add_set(cloud, name, region, found, error)
    call move_alloc(wider, cloud%within)
 end subroutine add_set
 
-!> Sets of places of the surface that are no boundary entries
+!> Sets of positions on the surface that are not boundary entries
 subroutine sets_of(cloud, place, outward, side, near, within, error)
    !> Cloud, which may have regions
    type(cloud_type), intent(in) :: cloud
-   !> Places, shape (nd, ms) [length]
+   !> Positions, shape (nd, ms) [length]
    real(wp), intent(in) :: place(:, :)
    !> Outward normals of any length, shape (nd, ms)
    real(wp), intent(in) :: outward(:, :)
-   !> Side that each lies on, shape (ms)
+   !> Side on which each lies, shape (ms)
    integer, intent(in) :: side(:)
    !> Collocation point whose tissue each has, shape (ms)
    integer, intent(in) :: near(:)
@@ -90,15 +90,15 @@ subroutine sets_of(cloud, place, outward, side, near, within, error)
    end do
 end subroutine sets_of
 
-!> Area of a set and its middle: from fine samples of the sides of a lattice, whose boundary entries
-!> are too few to determine the extent of a part, from the entries elsewhere
+!> Area of a set and its centre: from fine samples of the sides of a lattice, whose boundary entries
+!> are too few to determine the extent of a part, otherwise from the entries
 subroutine extent_of(cloud, set, area, middle, error)
    type(cloud_type), intent(in) :: cloud
    !> Set that has boundary entries
    integer, intent(in) :: set
    !> Area [length^(nd-1)]
    real(wp), intent(out) :: area
-   !> Middle, shape (nd) [length]
+   !> Centre, shape (nd) [length]
    real(wp), intent(out) :: middle(:)
    !> Error handling: an expression that is not finite somewhere
    type(error_type), allocatable, intent(out) :: error
@@ -114,7 +114,7 @@ subroutine extent_of(cloud, set, area, middle, error)
       if (allocated(error)) return
       weight = merge(norm2(outward, dim=1), 0.0_wp, within(set, :))
    end if
-   ! also of a set between the samples
+   ! also for a set that falls between the samples
    if (.not. any(weight > 0.0_wp)) then
       place = cloud%points(:, cloud%boundary_point)
       weight = merge(cloud%area, 0.0_wp, cloud%in_set([(e, e=1, size(cloud%area))], set))
@@ -123,7 +123,7 @@ subroutine extent_of(cloud, set, area, middle, error)
    middle = matmul(place, weight)/area
 end subroutine extent_of
 
-!> Places on the sides of a lattice with their normals, whose lengths are the areas
+!> Positions on the sides of a lattice with their normals, whose lengths are the areas
 subroutine sample_sides(cloud, place, outward, side)
    !> Cloud with a lattice
    type(cloud_type), intent(in) :: cloud

@@ -1,10 +1,10 @@
-!> Load programmes: how what is prescribed grows over load time, which runs from 0 to 1.
+!> Load programmes: growth of prescribed values over load time, which runs from 0 to 1.
 !>
-!> A programme begins at rest, or loaded where amplitudes begin with other values than 0: at a state
-!> of an earlier run, as a rule. A body that has no such state is brought there from rest, by loads
+!> A programme begins at rest, or loaded if amplitudes begin with values other than 0, usually at a
+!> state of an earlier run. If there is no such state, the body is brought there from rest, by loads
 !> from -1 to 0 over which these values grow.
 !>
-!> All that is prescribed is linear in a few load factors, so that forms keep a column for each: the
+!> All prescribed values are linear in a few load factors, so that forms keep a column for each: the
 !> ramp, which is the load itself; one for each amplitude; and two for each rotation by an angle
 !> theta about a fixed axis n, since (R - I)d = sin(theta) n x d + (1 - cos(theta)) n x (n x d).
 module rk_programme
@@ -16,11 +16,11 @@ module rk_programme
 
    public :: programme_type, rotation_type, plan_type, combined, ramp
 
-   !> Number of the ramp among the factors, and of the one amplitude that needs no name
+   !> Number of the ramp among the factors, and of the default amplitude, which has no name
    integer, parameter :: ramp = 1, no_amplitude = 0
-   !> Loads closer than this are one [-]
+   !> Loads closer than this count as equal [-]
    real(wp), parameter :: same = 1.0e-9_wp
-   !> Rotation in one load step at most [rad]. A bar twisted by half a turn takes 48 iterations in
+   !> Maximum rotation in one load step [rad]. A bar twisted by half a turn takes 48 iterations in
    !> steps of 15 degrees, 40 of 22, 24 of 45; of 60 degrees and more some fail and are halved
    real(wp), parameter :: largest_turn = 0.8_wp
 
@@ -28,14 +28,14 @@ module rk_programme
    type :: rotation_type
       !> Amplitude, 0 for the ramp
       integer :: amplitude = no_amplitude
-      !> Angle where that is 1 [rad]
+      !> Angle where the amplitude is 1 [rad]
       real(wp) :: angle = 0.0_wp
    end type rotation_type
 
    !> The programme of a scene
    type :: programme_type
-      !> Functions of load time: between their knots linear, or smooth, which is without slope and
-      !> curvature at the knots; then what they were last
+      !> Functions of load time: between their knots linear, or smooth with zero slope and curvature
+      !> at the knots; after the last knot constant
       type(amplitude_keys), allocatable :: amplitude(:)
       !> Rotations
       type(rotation_type), allocatable :: rotation(:)
@@ -44,18 +44,18 @@ module rk_programme
       procedure :: begins_loaded
    end type programme_type
 
-   !> Load steps that are planned
+   !> Planned load steps
    type :: plan_type
-      !> The programme begins loaded
+      !> Whether the programme begins loaded
       logical :: loaded = .false.
-      !> Largest change of load at once on the way there from rest [-]
+      !> Largest single change of load on the way there from rest [-]
       real(wp) :: first_most = 1.0_wp
       !> Load at the end of each step, ascending, the last one 1, shape (n) [-]
       real(wp), allocatable :: load(:)
-      !> Largest change of load at once on the way there, shape (n) [-]
+      !> Largest single change of load on the way there, shape (n) [-]
       real(wp), allocatable :: most(:)
-      !> Whether rates jump at its end, so that the last step says nothing about the next one,
-      !> shape (n)
+      !> Whether rates jump at its end, so that the last step cannot be extrapolated to the next
+      !> one, shape (n)
       logical, allocatable :: knot(:)
    end type plan_type
 
@@ -67,7 +67,7 @@ pure integer function count_factors(self)
    count_factors = self%sine_of(1) - 1 + 2*size(self%rotation)
 end function count_factors
 
-!> Number of the sine's factor of a rotation
+!> Number of the sine factor of a rotation
 pure integer function sine_of(self, rotation)
    class(programme_type), intent(in) :: self
    integer, intent(in) :: rotation
@@ -92,7 +92,7 @@ pure function factors(self, load) result(factor)
    do r = 1, size(self%rotation)
       angle = self%rotation(r)%angle*self%value(self%rotation(r)%amplitude, load)
       factor(self%sine_of(r)) = sin(angle)
-      ! 1 - cos without the loss of digits
+      ! 1 - cos without loss of digits
       factor(self%sine_of(r) + 1) = 2.0_wp*sin(0.5_wp*angle)**2
    end do
 end function factors
@@ -111,7 +111,7 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    associate (time => self%amplitude(amplitude)%time, values => self%amplitude(amplitude)%value)
       k = count(time <= load)
       value = values(max(k, 1))
-      ! from rest to where the programme begins
+      ! from rest to the beginning of the programme
       if (load < 0.0_wp) value = (1.0_wp + load)*value
       if (k == 0 .or. k == size(time)) return
       s = (load - time(k))/(time(k + 1) - time(k))
@@ -120,11 +120,10 @@ pure real(wp) function value_at(self, amplitude, load) result(value)
    end associate
 end function value_at
 
-!> Load steps: equal ones and all knots of amplitudes. Steps in which something rotates far are
-!> taken in several
+!> Load steps: equal ones and all knots of amplitudes. Steps with large rotations are divided
 pure function plan(self, steps) result(planned)
    class(programme_type), intent(in) :: self
-   !> Equal steps
+   !> Number of equal steps
    integer, intent(in) :: steps
    type(plan_type) :: planned
    integer, allocatable :: place(:)
@@ -135,7 +134,7 @@ pure function plan(self, steps) result(planned)
    do a = 1, size(self%amplitude)
       associate (time => self%amplitude(a)%time)
          do k = 1, size(time)
-            ! 0 is rest and no step
+            ! 0 is rest and not a step
             if (time(k) < same .or. any(abs(planned%load - time(k)) < same)) cycle
             planned%load = [planned%load, time(k)]
          end do
@@ -150,13 +149,13 @@ pure function plan(self, steps) result(planned)
       planned%knot(k) = is_knot(self, planned%load(k))
       before = planned%load(k)
    end do
-   ! a power of two of this is met exactly
+   ! loads reached by halving this are exact
    if (self%count() == 1) planned%most = 1.0_wp/real(steps, wp)
    planned%loaded = self%begins_loaded()
    planned%first_most = 1.0_wp/turns(self, -1.0_wp, 0.0_wp)
 end function plan
 
-!> Whether the programme begins with another state than that at rest
+!> Whether the programme begins in a state other than rest
 pure logical function begins_loaded(self) result(loaded)
    class(programme_type), intent(in) :: self
    integer :: a
@@ -179,7 +178,7 @@ pure logical function is_knot(self, load)
    end do
 end function is_knot
 
-!> Parts in which a change of load is taken, so that nothing rotates far in one of them
+!> Number of parts into which a change of load is divided, so that rotations in each remain small
 pure integer function turns(self, from, to)
    class(programme_type), intent(in) :: self
    !> Loads before and after [-]
@@ -197,7 +196,7 @@ pure integer function turns(self, from, to)
    end do
 end function turns
 
-!> A value from its columns and the load factors: their sum of products
+!> A value as the sum of its columns times the load factors
 pure real(wp) function combined(column, factor)
    !> Part for each factor, shape (n)
    real(wp), intent(in) :: column(:)

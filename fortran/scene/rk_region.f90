@@ -1,5 +1,4 @@
-!> Parts of the surface of a body that have names of their own, given by side, material or an
-!> expression.
+!> Named parts of the surface of a body, given by side, material or an expression.
 module rk_region
    use rk_error, only : error_type
    use rk_expression, only : expression_type
@@ -9,16 +8,16 @@ module rk_region
 
    public :: region_type
 
-   !> Part of the surface; all that it names must hold
+   !> Part of the surface; all conditions given must be satisfied
    type :: region_type
       !> Side of the body, 0 for all
       integer :: side = 0
       !> Label of the tissue behind the surface; not allocated for all
       integer, allocatable :: label
-      !> Where the tissue lies, by expressions: its own, not given for everywhere, and those of
-      !> tissues that take their place from it; not allocated where labels give it
+      !> Where the tissue lies, by expressions: its own (not given means everywhere), and those of
+      !> tissues that replace it in part; not allocated if labels define it
       type(expression_type), allocatable :: tissue(:)
-      !> Where it is not zero; not given for everywhere
+      !> The region is where this is not zero; not given means everywhere
       type(expression_type) :: where
    contains
       procedure :: holds
@@ -26,14 +25,14 @@ module rk_region
 
 contains
 
-!> Whether a region holds a place of the surface
+!> Whether a region contains a position on the surface
 logical function holds(self, x, normal, side, label, error)
    class(region_type), intent(in) :: self
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Outward unit normal, shape (nd) [-]
    real(wp), intent(in) :: normal(:)
-   !> Side of the body that it lies on
+   !> Side of the body on which it lies
    integer, intent(in) :: side
    !> Label of the tissue there
    integer, intent(in) :: label

@@ -1,4 +1,4 @@
-!> A scene: what is modelled, as plain data.
+!> A scene: the model of a run, as plain data.
 module rk_scene
    use rk_cloud, only : cloud_type
    use rk_equation, only : equation_type, motion_type
@@ -19,7 +19,7 @@ module rk_scene
    !> shear moduli over spacing [-]
    real(wp), parameter :: displacement_weight = 15.0_wp
 
-   !> A material and the label of the points it fills
+   !> A material and the label of its points
    type :: tissue_type
       !> Law and parameters
       class(material_type), allocatable :: material
@@ -27,30 +27,30 @@ module rk_scene
       character(len=:), allocatable :: name
       !> Label of the points; 0 fills all points
       integer :: label = 0
-      !> Part of a box or an annulus that it may fill; not given where labels of the points do,
-      !> or where it fills what others leave
+      !> Part of a box or an annulus that it may fill; not given if labels of the points define it,
+      !> or if it fills the remainder
       type(expression_type) :: part
-      !> Activation of its fibers where its amplitude is 1 [-]
+      !> Activation of its fibers when its amplitude is 1 [-]
       real(wp) :: activation = 0.0_wp
       !> Amplitude of the activation, 0 for the ramp
       integer :: amplitude = 0
-      !> Part of it that each place has, in place of the points' own [-]
+      !> Relative activation at each position, instead of that of the points [-]
       type(expression_type) :: level
    end type tissue_type
 
-   !> What is prescribed on a boundary set where its amplitude is 1, beside the numbers of the deck,
-   !> which are 0 where they are not given
+   !> Values prescribed on a boundary set when its amplitude is 1, in addition to the numbers of the
+   !> deck, which are 0 if not given
    type, extends(boundary_keys) :: condition_type
       !> Boundary set
       integer :: set = 0
-      !> Which displacement components are prescribed; of a tendon those in which its direction has
-      !> a part, which its plate moves
+      !> Prescribed displacement components; for a tendon those in which its direction has a part,
+      !> which its plate moves
       logical :: fixed(3) = .false.
       !> Their values [length]
       type(value_type) :: value(3)
       !> Radial displacement about the third axis replaces the components
       logical :: is_radial = .false.
-      !> Load factor of the sine of a rotation, that of 1 - cos follows; 0 where nothing rotates
+      !> Load factor of the sine of a rotation, followed by that of 1 - cos; 0 without a rotation
       integer :: sine = 0
    contains
       procedure :: moves_unevenly, acts, prescribes
@@ -58,25 +58,25 @@ module rk_scene
 
    !> Iteration, linear solver and weights of boundary rows
    type, extends(solver_keys) :: solver_options
-      !> Essential weight as a plain number, used where positive
+      !> Weight of rows of prescribed displacements as a plain number, used if positive
       real(wp) :: weight_essential
       !> Otherwise: this number times max|C4| at the point; 0 means the number of source points
       real(wp) :: weight_c4
-      !> Natural weight
+      !> Weight of traction rows
       real(wp) :: weight_traction
    end type solver_options
 
-   !> A number or vector to follow through the steps
+   !> A number or vector to record in every step
    type, extends(probe_keys) :: probe_type
-      !> Boundary set that it is taken of, 0 for a point or a plane
+      !> Boundary set of which it is taken, 0 for a point or a plane
       integer :: set = 0
    contains
       procedure :: of_body, at_a_place
    end type probe_type
 
-   !> Everything a solve needs
+   !> All data that a solve needs
    type :: scene_type
-      !> What is modelled
+      !> Title of the model
       character(len=:), allocatable :: title
       !> Discretisation
       character(len=:), allocatable :: method
@@ -84,24 +84,24 @@ module rk_scene
       type(cloud_type) :: cloud
       !> Shape functions
       type(approximation_type) :: approximation
-      !> A material in space is a layer thinner than the points resolve
+      !> Whether a material in space is a layer thinner than the points resolve
       logical :: thin_layers = .false.
-      !> Coefficients of a linear problem jump across other surfaces than planes
+      !> Whether coefficients of a linear problem jump across surfaces other than planes
       logical :: jumps = .false.
       !> Support of each source point, shape (nd, ns) [length]
       real(wp), allocatable :: support(:, :)
-      !> Shape functions as the deck names them, and interfaces between materials
+      !> Shape functions as given in the deck, and interfaces between materials
       type(approximation_keys) :: basis
       !> Linear problem, instead of materials, conditions and loads
       type(equation_type) :: equation
-      !> Its motion, not allocated where it is at rest
+      !> Its motion, not allocated in statics
       type(motion_type), allocatable :: motion
       !> Materials
       type(tissue_type), allocatable :: tissue(:)
       !> Material of each collocation point, shape (nc)
       integer, allocatable :: tissue_of(:)
       !> Fraction of each material in the volume of a collocation point, shape (nt, nc) [-]; not
-      !> allocated where each holds one material
+      !> allocated if each point has one material
       real(wp), allocatable :: tissue_part(:, :)
       !> Units of force and length, printed with every number
       character(len=:), allocatable :: force_unit, length_unit
@@ -109,10 +109,10 @@ module rk_scene
       type(condition_type), allocatable :: condition(:)
       !> Load steps and activation
       type(load_keys) :: load
-      !> How they grow
+      !> Load programme
       type(programme_type) :: programme
-      !> Body force at full load per undeformed volume, none unless allocated, shape (3, points
-      !> where the form wants it) [force/length^3]
+      !> Body force at full load per undeformed volume, zero if not allocated, shape (3, points
+      !> required by the form) [force/length^3]
       real(wp), allocatable :: body_force(:, :)
       !> Iteration, linear solver, weights of boundary rows
       type(solver_options) :: solver
@@ -133,7 +133,7 @@ module rk_scene
 
 contains
 
-!> Number of load steps, of a motion that of the states that are written
+!> Number of load steps; for a motion, number of states written
 pure integer function count_steps(self)
    class(scene_type), intent(in) :: self
    type(plan_type) :: planned
@@ -147,7 +147,7 @@ pure integer function count_steps(self)
    count_steps = size(planned%load)
 end function count_steps
 
-!> Load factors at a load: what is prescribed is linear in them
+!> Load factors at a load; prescribed values are linear in them
 pure function factors(self, load) result(factor)
    class(scene_type), intent(in) :: self
    !> Load [-]
@@ -169,7 +169,7 @@ elemental real(wp) function activation_at(self, tissue, load)
    end associate
 end function activation_at
 
-!> Activation of muscles without one of their own at a load [-]
+!> Activation at a load of muscles without their own activation [-]
 elemental real(wp) function common_activation(self, load)
    class(scene_type), intent(in) :: self
    real(wp), intent(in) :: load
@@ -177,7 +177,7 @@ elemental real(wp) function common_activation(self, load)
    common_activation = self%programme%value(self%load%amplitude, load)*self%load%activation
 end function common_activation
 
-!> Whether some muscle has an activation of its own
+!> Whether some muscle has its own activation
 pure logical function has_own_activations(self) result(own)
    class(scene_type), intent(in) :: self
    integer :: k
@@ -200,7 +200,7 @@ pure logical function is_loaded(self, load)
       & .or. any([(self%condition(k)%acts(self%factors(load)), k=1, size(self%condition))])
 end function is_loaded
 
-!> Whether a muscle or a condition acts otherwise at one load than at another
+!> Whether a muscle or a condition acts differently at two loads
 pure logical function changes(self, from, to)
    class(scene_type), intent(in) :: self
    !> Loads [-]
@@ -213,31 +213,31 @@ pure logical function changes(self, from, to)
       & size(self%condition))])
 end function changes
 
-!> Whether displacements are prescribed that are not the same everywhere
+!> Whether prescribed displacements vary over the set
 pure logical function moves_unevenly(self)
    class(condition_type), intent(in) :: self
 
    moves_unevenly = self%is_radial .or. self%sine > 0 .or. any(self%value%given())
 end function moves_unevenly
 
-!> Whether a probe is of a body or a tissue as a whole
+!> Whether a probe refers to a whole body or tissue
 pure logical function of_body(self)
    class(probe_type), intent(in) :: self
 
    of_body = any(self%quantity == [character(len=13) :: 'energy', 'fiber_stretch', 'pennation'])
 end function of_body
 
-!> Whether a probe is of a place in the body: not of a set, a plane or the body as a whole
+!> Whether a probe refers to a point in the body, not to a set, a plane or the whole body
 pure logical function at_a_place(self)
    class(probe_type), intent(in) :: self
 
    at_a_place = self%set == 0 .and. .not. self%of_body() .and. index(self%quantity, 'section') /= 1
 end function at_a_place
 
-!> Whether a displacement or a traction is prescribed that need not be zero
+!> Whether a displacement or a traction that need not be zero is prescribed
 pure logical function acts(self, factor)
    class(condition_type), intent(in) :: self
-   !> Load factors at which that is asked; without them: at any, shape (factors) [-]
+   !> Load factors to check; without them, whether it acts at any, shape (factors) [-]
    real(wp), intent(in), optional :: factor(:)
 
    acts = (self%is_radial .and. abs(self%radial) > 0.0_wp) &
@@ -260,27 +260,27 @@ pure function prescribes(self) result(fixed)
    if (self%is_radial) fixed(:2) = .true.
 end function prescribes
 
-!> Shape functions of the source points at places
+!> Shape functions of the source points at given positions
 subroutine shape_at(self, place, shape, error, first, plain)
    class(scene_type), intent(in) :: self
-   !> Places, shape (nd, np) [length]
+   !> Positions, shape (nd, np) [length]
    real(wp), intent(in) :: place(:, :)
    type(shape_type), intent(out) :: shape
-   !> Error handling: a place that too few source points cover
+   !> Error handling: a position covered by too few source points
    type(error_type), allocatable, intent(out) :: error
-   !> First derivatives will do
+   !> First derivatives only
    logical, intent(in), optional :: first
-   !> Values will do
+   !> Values only
    logical, intent(in), optional :: plain
 
    call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, first, &
       & plain)
 end subroutine shape_at
 
-!> Last material whose part of the body holds a place, 0 where none does
+!> Last material whose part of the body contains a position, 0 if none does
 integer function last_part(tissue, x, error) result(found)
    type(tissue_type), intent(in) :: tissue(:)
-   !> Place, shape (nd) [length]
+   !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
    !> Error handling: an expression without a value there
    type(error_type), allocatable, intent(inout) :: error
@@ -295,7 +295,7 @@ integer function last_part(tissue, x, error) result(found)
    found = max(found, 0)
 end function last_part
 
-!> Largest ratio of a bulk modulus to its shear modulus, by which the displacement form locks [-]
+!> Largest ratio of a bulk modulus to its shear modulus, which makes the displacement form lock [-]
 pure real(wp) function stiffest_ratio(self)
    class(scene_type), intent(in) :: self
    integer :: k

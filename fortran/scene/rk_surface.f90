@@ -1,7 +1,7 @@
-!> The outside of a body whose points lie on a lattice, as triangles between them.
+!> Surface of a body whose points lie on a lattice, as triangles between them.
 !>
-!> A cell between neighbouring places is filled by the convex hull of the points that it has; faces
-!> between filled cells cancel. So voxels make slopes where they would make stairs.
+!> A cell between neighbouring lattice positions is filled by the convex hull of its points; faces
+!> between filled cells cancel. So voxels give slopes instead of stairs.
 module rk_surface
    use rk_cloud, only : cloud_type
    implicit none
@@ -17,18 +17,18 @@ module rk_surface
    type :: facet_type
       !> Corners of the cell, counter-clockwise from outside
       integer, allocatable :: corner(:)
-      !> Face of the cell that it lies in: twice its direction, one less on the low side; 0 inside
+      !> Face of the cell in which it lies: twice its direction, one less on the low side; 0 inside
       integer :: face = 0
    end type facet_type
 
-   !> Hull of some corners of a cell; none where they lie in a plane
+   !> Hull of some corners of a cell; empty if they lie in a plane
    type :: hull_type
       type(facet_type), allocatable :: facet(:)
    end type hull_type
 
 contains
 
-!> Place of each collocation point in a lattice, shape (nd, nc); of size 0 where there is none
+!> Index of each collocation point in a lattice, shape (nd, nc); of size 0 without a lattice
 function lattice_places(cloud) result(place)
    type(cloud_type), intent(in) :: cloud
    integer, allocatable :: place(:, :)
@@ -38,10 +38,10 @@ function lattice_places(cloud) result(place)
    if (allocated(cloud%voxels%index)) place = cloud%voxels%index
 end function lattice_places
 
-!> Triangles of the surface, or of a plane body itself: points in the order of their places,
-!> counter-clockwise from outside, shape (3, nt)
+!> Triangles of the surface, or of a plane body itself: points in lattice order, counter-clockwise
+!> from outside, shape (3, nt)
 function surface_triangles(place) result(triangle)
-   !> Places, shape (nd, np)
+   !> Lattice indices, shape (nd, np)
    integer, intent(in) :: place(:, :)
    integer, allocatable :: triangle(:, :)
    integer, allocatable :: at(:, :, :)
@@ -70,7 +70,7 @@ end function surface_triangles
 
 !> Triangles that fill a plane body, shape (3, nt)
 pure function plane_triangles(at) result(triangle)
-   !> Points by place, 0 for none
+   !> Points by lattice index, 0 for none
    integer, intent(in) :: at(:, :)
    integer, allocatable :: triangle(:, :)
    integer :: i, j, k, nt
@@ -93,7 +93,7 @@ end function plane_triangles
 
 !> Triangles around a body in space, shape (3, nt)
 function hull_triangles(at) result(triangle)
-   !> Points by place, 0 for none
+   !> Points by lattice index, 0 for none
    integer, intent(in) :: at(:, :, :)
    integer, allocatable :: triangle(:, :)
    type(hull_type) :: hull(0:255)
@@ -105,7 +105,7 @@ function hull_triangles(at) result(triangle)
    end do
    allocate (filled(0:size(at, 1), 0:size(at, 2), 0:size(at, 3)), source=0)
    allocate (triangle(3, 0))
-   ! which cells are filled, how many triangles there are, and these
+   ! find the filled cells, count the triangles, store them
    do pass = 1, 3
       nt = 0
       do k = 1, size(at, 3) - 1
@@ -142,7 +142,7 @@ end function hull_triangles
 
 !> Hull of some corners of a cell
 pure function hull_of(have) result(hull)
-   !> Numbers of the corners, rising
+   !> Numbers of the corners, ascending
    integer, intent(in) :: have(:)
    type(hull_type) :: hull
    type(facet_type) :: facet
@@ -158,9 +158,9 @@ pure function hull_of(have) result(hull)
             if (any(off > 0) .eqv. any(off < 0)) cycle
             if (any(off > 0)) normal = -normal
             on = pack(have, off == 0)
-            ! a facet of four corners is met by each three of them
+            ! a facet of four corners is found from each three of them: keep the first
             if (any(on(:3) /= have([a, b, c]))) cycle
-            ! of four the last one lies across from the first
+            ! of four corners the last one lies opposite the first
             if (size(on) == 4) on = on([1, 2, 4, 3])
             if (dot_product(cross(edge(on(1), on(2)), edge(on(1), on(3))), normal) < 0) &
                & on(2:) = on(size(on):2:-1)

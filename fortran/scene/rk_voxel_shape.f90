@@ -1,8 +1,8 @@
-!> Shape of a body of voxels: how much of it is surface, where it is thin, and planes at which it is
-!> cut, most of them of symmetry.
+!> Shape of a body of voxels: its share of surface, its thin parts, and the planes at which it is
+!> cut, most of them planes of symmetry.
 !>
-!> Places of the surface lie on a smoothed one, whose normals turn away from a plane near its rim. A
-!> side of the body has whole faces of voxels instead: all that end the body along an axis.
+!> Surface points lie on a smoothed surface, whose normals turn away from a plane near its rim. A
+!> side of the body consists of whole voxel faces instead: all that end the body along an axis.
 module rk_voxel_shape
    use rk_cloud, only : cloud_type
    use rk_precision, only : wp
@@ -11,20 +11,19 @@ module rk_voxel_shape
 
    public :: surface_share, end_taper, thin_directions, least_thickness, add_side
 
-   !> Share of the voxels that must lie in thin parts to make a direction thin [-]
+   !> Share of the voxels that must lie in thin parts for a direction to count as thin [-]
    real(wp), parameter :: enough = 0.25_wp
-   !> Share of the body below which a tissue may be as thin as it likes [-]
+   !> Share of the body below which a tissue may have any thickness [-]
    real(wp), parameter :: small = 0.05_wp
-   !> Share of an end's area by which it is narrower than its slice at most: tips [-]
+   !> Maximum share of an end's area by which it is narrower than its slice: tips [-]
    real(wp), parameter :: most_taper = 0.5_wp
-   !> Sides across the slices; those at the ends are sets of a model
+   !> Sides parallel to the axis of the slices; the ends are already sets of a model
    character(len=*), parameter :: names(4) = ['x0', 'x1', 'y0', 'y1']
 
 contains
 
-!> Faces of voxels at the surface and between tissues for each voxel of a body, its ends along z
-!> left out, which are known [-]: the volume that goes with moving them all by one voxel, over that
-!> of the body
+!> Number of voxel faces at the surface and between tissues per voxel of a body, except the ends
+!> along z, which are known [-]: the relative change of volume if all of them moved by one voxel
 pure real(wp) function surface_share(cloud) result(share)
    !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
@@ -52,8 +51,8 @@ pure real(wp) function surface_share(cloud) result(share)
    share = 0.5_wp*faces/size(at, 2)
 end function surface_share
 
-!> By how much of its area each end along z is narrower than its slice, whose voxels are labelled by
-!> their middles, half a slice further in: the area goes on as between the two outermost slices [-]
+!> Share of area by which each end along z is narrower than its slice, labelled at its middle, half
+!> a slice further in: the area is extrapolated from the two outermost slices [-]
 pure function end_taper(cloud) result(taper)
    !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
@@ -70,11 +69,11 @@ pure function end_taper(cloud) result(taper)
    end do
 end function end_taper
 
-!> Directions along which a good part of the body is in layers thinner than some number of voxels
+!> Directions along which a large part of the body is in layers below a given number of voxels
 pure function thin_directions(cloud, least) result(thin)
    !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
-   !> Voxels across a layer that is not thin, shape (3)
+   !> Minimum number of voxels across a layer that is not thin, shape (3)
    integer, intent(in) :: least(3)
    logical :: thin(3)
    integer, allocatable :: length(:, :)
@@ -83,12 +82,12 @@ pure function thin_directions(cloud, least) result(thin)
    thin = count(length < spread(least, 2, size(length, 2)), dim=2) > enough*size(length, 2)
 end function thin_directions
 
-!> Thickness of the thinnest tissue along each direction: no more than a part of any tissue is in
-!> layers thinner than that. Tissues that are a small part of the body do not count
+!> Thickness of the thinnest tissue along each direction: only a limited part of any tissue is in
+!> thinner layers. Tissues that are a small part of the body are ignored
 pure function least_thickness(cloud) result(thickness)
    !> Points of a model of voxels
    type(cloud_type), intent(in) :: cloud
-   !> Voxels, shape (3)
+   !> Numbers of voxels, shape (3)
    integer :: thickness(3)
    integer, allocatable :: length(:, :)
    logical :: own(size(cloud%label))
@@ -109,7 +108,7 @@ pure function least_thickness(cloud) result(thickness)
    end associate
 end function least_thickness
 
-!> Voxels of the same tissue in a row through each voxel, along each direction, shape (3, nc)
+!> Run of voxels of the same tissue through each voxel, along each direction, shape (3, nc)
 pure function layers(cloud) result(length)
    type(cloud_type), intent(in) :: cloud
    integer, allocatable :: length(:, :)
@@ -140,7 +139,7 @@ pure subroutine paint(cloud, label, at)
    type(cloud_type), intent(in) :: cloud
    !> Labels, shape (0:n(1)+1, 0:n(2)+1, 0:n(3)+1)
    integer, allocatable, intent(out) :: label(:, :, :)
-   !> Place of each voxel in the grid, from 1, shape (3, nc)
+   !> Index of each voxel in the grid, from 1, shape (3, nc)
    integer, allocatable, intent(out) :: at(:, :)
    integer :: ip, low(3), n(3)
 
@@ -154,12 +153,12 @@ pure subroutine paint(cloud, label, at)
    end do
 end subroutine paint
 
-!> Add a side to the sets of a model where it has none of this name: the outer faces of its first or
-!> last layer of voxels, which leave the sets they were in
+!> Add a side to the sets of a model that has none of this name: the outer faces of its first or
+!> last layer of voxels, which are removed from their former sets
 subroutine add_side(cloud, name)
    !> Points of a model, without sets that are parts of the surface
    type(cloud_type), intent(inout) :: cloud
-   !> Name; nothing is done for those of no side
+   !> Name; nothing is done if it is not the name of a side
    character(len=*), intent(in) :: name
    integer, allocatable :: layer(:)
    real(wp) :: outward(3)
@@ -176,7 +175,7 @@ subroutine add_side(cloud, name)
    outward(axis) = d
    n = size(layer)
    cloud%boundary_point = [layer, cloud%boundary_point]
-   ! of sets with the same normal the first one has a face
+   ! among sets with the same normal a face belongs to the first one
    cloud%boundary_set = [spread(1, 1, n), 1 + cloud%boundary_set]
    cloud%normal = reshape([spread(outward, 2, n), cloud%normal], [3, n + size(cloud%normal, 2)])
    cloud%area = [cloud%volume(layer)/cloud%voxels%size(axis), cloud%area]

@@ -1,8 +1,8 @@
 ! Python boundary of the decks: a path or a text in, one JSON text out.
 
-!> Values of a deck as JSON, or all its complaints; `deck_text` is blank where the deck is a file.
-!> `length` is that of the whole answer; where it is above `capacity` the answer is cut off and the
-!> caller asks again with more.
+!> Values of a deck as JSON, or all its complaints; `deck_text` is blank if the deck is a file.
+!> `length` is that of the whole answer; if it exceeds `capacity`, the answer is cut off and the
+!> caller must ask again with a larger capacity.
 subroutine deck_json(path, deck_text, n, overrides, command, capacity, text, length, stat, message)
    use rk_deck, only : deck_type, open_deck
    use rk_error, only : error_type, pack_error

@@ -1,7 +1,7 @@
 ! Python boundary of the segmentation: plain arrays in, plain arrays out.
 
-!> Evolve level sets slice by slice; steering is nu, epsilon, dt, tolerance, and
-!> weight is zero for voxels that take no part
+!> Evolve level sets slice by slice; the parameters are nu, epsilon, dt, tolerance, and weight is
+!> zero for excluded voxels
 subroutine evolve_level_sets(steering, mu, lambda, spacing, limit, ni, nj, nk, nchannel, &
    & nlevel, nregion, channels, weight, start, phi, energy, means, iterations, ended, &
    & stat, message)

@@ -1,8 +1,8 @@
-! Python boundary of the materials: plain arrays in, plain arrays out. A material comes as the text
-! of a deck, whose first one it is.
+! Python boundary of the materials: plain arrays in, plain arrays out. A material is given by the
+! text of a deck, of which it is the first material.
 
-!> Energy, stress, tangent and contracted third derivative at points, each of which owns its part of
-!> the result
+!> Energy, stress, tangent and contracted third derivative at points, each of which writes only its
+!> own part of the result
 subroutine material_at_points(deck_text, volumetric, nd, np, f, h, fiber, activation, w, p, c4, t, &
    & stat, message)
    use rk_deck, only : deck_type, open_deck

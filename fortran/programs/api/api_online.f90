@@ -1,9 +1,9 @@
-!> Reduced models in real time: records of a model that Python packs once (`whole`, `number`, as
-!> new_online unpacks them), and its states, for what is asked (`wish`, as assemble has it).
+!> Reduced models in real time: model records that Python packs once (`whole`, `number`, as unpacked
+!> by new_online), and their states, for the quantities requested (`wish`, as in assemble).
 
 !> States of a model, with forces by a second set of cells; a state is followed in `parts` from a
-!> known one, or for 0 parts found from the amplitudes given. `limits` has the size of amplitudes
-!> that are none, and the tolerance; `wanted` is one 0 where no force is
+!> known one, or for 0 parts found from the given amplitudes. `limits` has the size below which
+!> amplitudes count as zero, and the tolerance; `wanted` is a single 0 if no force is requested
 subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s, nk, n, wish, &
    & known, start, parts, limits, most_steps, threads, r, nf, wanted, lift, z, iterations, change, &
    & min_j, force)
@@ -35,7 +35,7 @@ subroutine online_states(ni, nr, whole, number, mi, mr, all_whole, all_number, s
    force = ieee_value(1.0d0, ieee_quiet_nan)
    team = threads
    if (team == 0) team = omp_get_max_threads()
-   ! libraries that are called in a team of several threads have one each
+   ! libraries called from a team of several threads use one thread each
    if (team == 1) call hold_threads(kept)
    !$omp parallel default(shared) private(i, work, room) num_threads(team)
    call new_work(work, model)

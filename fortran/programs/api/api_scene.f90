@@ -1,11 +1,11 @@
-! Python boundary of scenes: a handle in, arrays out. Python checks shapes before it calls.
+! Python boundary of scenes: a handle in, arrays out. Python checks shapes before its calls.
 
-!> Open the scene of a deck, whose text is blank where it is a file; the arrays are those of a model
-!> and may be empty: by source point its place and spacing; by collocation point place, fiber,
+!> Open the scene of a deck, whose text is blank if it is a file; the arrays are those of a model
+!> and may be empty: by source point position and spacing; by collocation point position, fiber,
 !> volume, activation and fractions, then label and voxel; by boundary entry normal and area, then
-!> point and set; size and origin of the voxels. A size of 0 stands for none, and so do fractions
-!> of one label and activations below 0. `listener` is the address of a C function that takes a line
-!> of the search for points and returns 1 to stop it. Not threadsafe: gfortran keeps the lengths of
+!> point and set; size and origin of the voxels. A size of 0 stands for none, and so do fractions of
+!> one label and activations below 0. `listener` is the address of a C function that takes a line of
+!> the search for points and returns 1 to stop it. Not threadsafe: gfortran keeps the lengths of
 !> character function results in static storage, and keys are made of such results
 subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source, point, place, &
    & entry, entry_of, grid, fraction_label, set_names, length_unit, listener, handle, stat, message)
@@ -37,7 +37,7 @@ subroutine scene_open(path, text, nover, overrides, ns, nc, nb, nset, nf, source
    model%fiber = point(4:6, :)
    model%volume = point(7, :)
    if (all(point(8, :) >= 0)) model%activation = point(8, :)
-   ! one tissue has no fractions
+   ! a single tissue has no fractions
    if (nf > 1) then
       model%fraction = point(9:, :)
       model%fraction_label = fraction_label
@@ -74,7 +74,7 @@ subroutine scene_close(handle)
 end subroutine scene_close
 
 !> Steps and iterations done so far, readable while a solve runs in another thread, which is asked
-!> to end after its iteration (stop = 1)
+!> to stop after its iteration (stop = 1)
 subroutine scene_progress(handle, stop, steps, iterations)
    use rk_handles, only : slot_of, slot_type
    implicit none
@@ -91,7 +91,7 @@ subroutine scene_progress(handle, stop, steps, iterations)
 end subroutine scene_progress
 
 !> Ask about an open scene: a question of rk_questions, the word and the numbers that it needs,
-!> behind them one that does not count; what the answer holds (rk_handles), and how many numbers
+!> followed by one unused number; contents of the answer (rk_handles), and how many numbers
 subroutine scene_ask(handle, question, word, n, given, forms, count, stat, message)
    use rk_error, only : error_type, pack_error
    use rk_handles, only : slot_of, slot_type
@@ -115,7 +115,7 @@ subroutine scene_ask(handle, question, word, n, given, forms, count, stat, messa
    call pack_error(error, stat, message)
 end subroutine scene_ask
 
-!> Numbers of the last answer, which the core gives away
+!> Numbers of the last answer, which is released afterwards
 subroutine answer_numbers(handle, n, value)
    use rk_handles, only : slot_of, slot_type
    implicit none

@@ -1,8 +1,8 @@
 ! Python boundary of the shape functions: plain arrays in, plain arrays out; kernel and window by
-! the names they have in decks.
+! their names in decks.
 
-!> Neighbours and shape functions of every place in compressed rows: the number of neighbours of
-!> each place, and as many rows as there is room for; where there are more, the caller asks again
+!> Neighbours and shape functions of every position in compressed rows: the number of neighbours of
+!> each position, and as many rows as fit; if there are more, the caller must ask again
 subroutine shape_values(order, kernel, window, nd, ns, np, nq, room, source, support, place, &
    & counts, stencils, neighbours, values, stat, message)
    use rk_error, only : error_type, pack_error

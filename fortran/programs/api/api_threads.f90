@@ -1,6 +1,6 @@
 ! Python boundary of the threads.
 
-!> Set the number of threads of the calls that follow, 0 leaves it as it is; the number before
+!> Set the number of threads of later calls, 0 leaves it unchanged; returns the previous number
 subroutine set_threads(number, before)
    use omp_lib, only : omp_get_max_threads, omp_set_num_threads
    implicit none
@@ -11,9 +11,9 @@ subroutine set_threads(number, before)
    if (number > 0) call omp_set_num_threads(number)
 end subroutine set_threads
 
-!> Let the calling thread work alone from now on, whatever number of threads it is asked for: in the
-!> child of a fork the team that its parent's thread had does not exist, and waiting for it would
-!> never end. Threads that the child starts itself have teams of their own.
+!> Limit the calling thread to one thread from now on, whatever number is requested: in the child of
+!> a fork the team of its parent's thread does not exist, and waiting for it would never end.
+!> Threads that the child starts itself have teams of their own.
 subroutine work_alone()
    use omp_lib, only : omp_set_max_active_levels
    implicit none

@@ -1,5 +1,5 @@
-!> Questions about a Galerkin problem of which reduced models are made: integration points with
-!> their tissues and pressures, gradients of displacements, places of probes, what loads prescribe.
+!> Questions about a Galerkin problem for building reduced models: integration points with their
+!> tissues and pressures, gradients of displacements, positions of probes, prescribed loads.
 module rk_galerkin_questions
    use rk_discretisation, only : discretisation_type
    use rk_energies, only : muscle_type, polynomial_type
@@ -19,11 +19,11 @@ contains
 subroutine ask_galerkin(problem, question, given, answer, error)
    class(discretisation_type), target, intent(in) :: problem
    character(len=*), intent(in) :: question
-   !> Numbers that it needs: displacements by their coefficients, shape (n, k), at a place behind
+   !> Input numbers: displacements by their coefficients, shape (n, k); for a position they follow
    !> the number of its probe
    real(wp), contiguous, intent(in) :: given(:)
    type(answer_type), intent(inout) :: answer
-   !> Error handling: another form, K = inf, a law that reduced models do not know
+   !> Error handling: another form, K = inf, a law not supported by reduced models
    type(error_type), allocatable, intent(out) :: error
 
    select type (problem)
@@ -56,10 +56,10 @@ subroutine ask_galerkin(problem, question, given, answer, error)
    end select
 end subroutine ask_galerkin
 
-!> Volumes and bulk moduli of integration points; points before each group, its bulk modulus;
-!> number, values and integrals of the groups' polynomials; set, prescribed components and penalty
-!> of surface points; sets of the probes, 0 of those at points; tissues of the points: those before
-!> each point, tissue, fraction and fiber of each entry
+!> Volumes and bulk moduli of integration points; number of points before each group, its bulk
+!> modulus; number, values and integrals of the groups' polynomials; set, prescribed components and
+!> penalty of surface points; sets of the probes, 0 for those at points; tissues of the points:
+!> entries before each point, tissue, fraction and fiber of each entry
 subroutine answer_cells(full, answer)
    type(galerkin_problem), intent(in) :: full
    type(answer_type), intent(inout) :: answer
@@ -105,7 +105,7 @@ end subroutine answer_cells
 subroutine answer_laws(full, answer, error)
    type(galerkin_problem), intent(in) :: full
    type(answer_type), intent(inout) :: answer
-   !> Error handling: a law that is no polynomial with fibers
+   !> Error handling: a law other than a polynomial with fibers
    type(error_type), allocatable, intent(out) :: error
    real(wp), dimension(9, size(full%scene%tissue)) :: a
    real(wp) :: fibers(7, size(a, 2)), state(3, size(a, 2))
@@ -139,7 +139,7 @@ subroutine answer_laws(full, answer, error)
    call answer%put('state', shape(state), state)
 end subroutine answer_laws
 
-!> Displacement gradients u_i,A at the integration points, A running first
+!> Displacement gradients u_i,A at the integration points, index A running first
 subroutine answer_gradients(full, x, answer)
    type(galerkin_problem), intent(in) :: full
    !> Displacements by their coefficients, shape (n, k)
@@ -167,8 +167,8 @@ subroutine answer_gradients(full, x, answer)
    call answer%put('gradient', shape(gradient), gradient)
 end subroutine answer_gradients
 
-!> What the scene prescribes at full load: displacements of surface points, forces of their
-!> tractions, gradients u_i,A that the displacements make, A running first, forces on the unknowns
+!> Prescribed values at full load: displacements of surface points, forces of their tractions,
+!> gradients u_i,A due to the displacements, A running first, forces on the unknowns
 subroutine answer_loads(full, answer)
    type(galerkin_problem), intent(in) :: full
    type(answer_type), intent(inout) :: answer
@@ -193,8 +193,8 @@ subroutine answer_loads(full, answer)
    call answer%put('force', [full%n], matmul(full%force, factor))
 end subroutine answer_loads
 
-!> What penalty and stabilisation make of displacements, and their product with the mass of density
-!> one
+!> Forces of penalty and stabilisation for given displacements, and the displacements times the mass
+!> matrix of unit density
 subroutine answer_products(full, x, answer)
    type(galerkin_problem), intent(in) :: full
    real(wp), contiguous, intent(in) :: x(:, :)
@@ -210,23 +210,23 @@ subroutine answer_products(full, x, answer)
          call full%inside%interpolate(q, x(:, j), 1, 1, field)
          u(:, q) = field(:, 1)
       end do
-      ! forces of inertia of this acceleration
+      ! inertia forces of this acceleration
       call add_load(full%inside, full%cells%weight, u, mass(:, j))
    end do
    call answer%put('stiff', shape(stiff), stiff)
    call answer%put('mass', shape(mass), mass)
 end subroutine answer_products
 
-!> Displacement gradients u_i,A, A running first, at the place of a probe, or, where these are
-!> smoothed over cells, weights of those at the integration points; weights of the pressures'
-!> coefficients; part of the bulk modulus that acts at the place; tissues there; on a free face the
-!> gradients along it, its normal and the bulk modulus
+!> Displacement gradients u_i,A, index A running first, at the position of a probe, or, where these
+!> are smoothed over cells, weights of those at the integration points; weights of the pressures'
+!> coefficients; part of the bulk modulus that acts at the position; tissues there; on a free face
+!> the gradients along it, its normal and the bulk modulus
 subroutine answer_place(full, probe, x, answer, error)
    type(galerkin_problem), intent(in) :: full
    integer, intent(in) :: probe
    real(wp), contiguous, intent(in) :: x(:, :)
    type(answer_type), intent(inout) :: answer
-   !> Error handling: a place without shape functions
+   !> Error handling: a position without shape functions
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: shape_there
    real(wp), pointer, contiguous :: values(:, :)
@@ -293,7 +293,7 @@ subroutine answer_place(full, probe, x, answer, error)
    call answer%put('bulk', [integer ::], [bulk])
 end subroutine answer_place
 
-!> Components u_i,A of a gradient, A running first, zero where there are fewer dimensions
+!> Components u_i,A of a gradient, index A running first, zero beyond the space dimension
 pure function row_by_row(h) result(flat)
    !> Gradient, shape (nd, nd)
    real(wp), intent(in) :: h(:, :)

@@ -1,5 +1,5 @@
 !> Scenes that Python has open, and answers to its questions about them: arrays and texts by name,
-!> which the boundary hands over at once.
+!> which the boundary returns in one call.
 !>
 !> A handle is the address of a slot. Python owns it and closes it.
 module rk_handles
@@ -22,52 +22,52 @@ module rk_handles
 
    !> Answer
    type :: answer_type
-      !> Name of each array, what its numbers are (0 real, 1 whole, 2 the letters of a text) and its
-      !> shape, a line each
+      !> Name of each array, kind of its numbers (0 real, 1 integer, 2 letters of a text) and its
+      !> shape, one line each
       character(len=:), allocatable :: forms
-      !> Numbers of all, one after the other
+      !> Numbers of all arrays, one after the other
       real(wp), allocatable :: value(:)
    contains
       procedure :: put, put_whole, put_text
       procedure, private :: add
    end type answer_type
 
-   !> States of a solve, kept in memory
+   !> States of a solve, stored in memory
    type, extends(recorder_type) :: states_type
       !> Unknowns of each step, shape (n, steps)
       real(wp), allocatable :: x(:, :)
       !> Load, iterations, smallest and largest J, smallest eigenvalue of the acoustic tensor and
       !> its collocation point of each step, shape (6, steps)
       real(wp), allocatable :: info(:, :)
-      !> Steps and iterations so far
+      !> Number of steps and iterations so far
       integer :: steps = 0
       integer :: iterations = 0
       !> Largest backward error [-]
       real(wp) :: backward_error = 0.0_wp
-      !> Set from outside to end the solve
+      !> Set from outside to stop the solve
       logical :: stop = .false.
-      !> Reader of notes, not associated without one
+      !> Receiver of notes, not associated if there is none
       procedure(listener_interface), pointer, nopass :: listener => null()
    contains
       procedure :: iteration, step, stopped, note
    end type states_type
 
    abstract interface
-      !> Take a line, which may be empty; other than 0 asks the work to stop
+      !> Receive a line, which may be empty; a result other than 0 asks the work to stop
       integer(c_int) function listener_interface(line) bind(c)
          import :: c_char, c_int
-         !> Text, with a null character behind it
+         !> Text that ends with a null character
          character(kind=c_char), intent(in) :: line(*)
       end function listener_interface
    end interface
 
-   !> What a handle stands for
+   !> Contents of a slot
    type :: slot_type
       !> Scene
       type(scene_type) :: scene
       !> Full problem
       class(discretisation_type), allocatable :: full
-      !> Reduced problem, where one was made
+      !> Reduced problem, if one was made
       class(problem_type), pointer :: reduced => null()
       !> States of the last solve
       type(states_type) :: states
@@ -75,12 +75,12 @@ module rk_handles
       type(outcome_type) :: outcome
       !> Verdict on them
       type(verdict_type) :: verdict
-      !> Search for its points, where the deck wants one
+      !> Search for its points, if the deck requests one
       type(refinement_type) :: refinement
-      !> Deck and points it was made of
+      !> Deck and points from which it was made
       type(deck_type) :: deck
       type(cloud_type) :: model
-      !> Shape functions in words: coefficients belong to them
+      !> Description of the shape functions to which the coefficients belong
       character(len=:), allocatable :: approximation
       !> Answer to the last question
       type(answer_type) :: answer
@@ -96,7 +96,7 @@ function slot_of(handle) result(slot)
    call c_f_pointer(transfer(handle, c_null_ptr), slot)
 end function slot_of
 
-!> Give the memory of a slot back
+!> Free the memory of a slot
 subroutine close_slot(slot)
    type(slot_type), pointer, intent(inout) :: slot
 
@@ -114,7 +114,7 @@ subroutine iteration(self, it)
    self%backward_error = max(self%backward_error, it%solver%backward_error)
 end subroutine iteration
 
-!> Keep a converged state; that at rest is not asked for
+!> Store a converged state; the state at rest is not stored
 subroutine step(self, st, x)
    class(states_type), intent(inout) :: self
    type(step_type), intent(in) :: st
@@ -129,7 +129,7 @@ subroutine step(self, st, x)
       & st%min_acoustic, real(st%acoustic_point, wp)]
 end subroutine step
 
-!> Whether Python asked to stop
+!> Whether Python requested a stop
 logical function stopped(self)
    class(states_type), intent(inout) :: self
 
@@ -137,11 +137,11 @@ logical function stopped(self)
    stopped = self%stop
 end function stopped
 
-!> Hand a line on to the reader, who may ask to stop
+!> Pass a line to the receiver, who may request a stop
 subroutine note(self, line, warning)
    class(states_type), intent(inout) :: self
    character(len=*), intent(in) :: line
-   !> It deserves attention
+   !> Whether it deserves attention
    logical, intent(in) :: warning
 
    associate (unused => warning)
@@ -161,7 +161,7 @@ subroutine put(self, name, shape, value)
    call self%add(name, 0, shape, value(:product(shape)))
 end subroutine put
 
-!> Add whole numbers
+!> Add integers
 subroutine put_whole(self, name, shape, value)
    class(answer_type), intent(inout) :: self
    character(len=*), intent(in) :: name
@@ -174,7 +174,7 @@ end subroutine put_whole
 subroutine put_text(self, name, text)
    class(answer_type), intent(inout) :: self
    character(len=*), intent(in) :: name
-   !> Not allocated counts as empty
+   !> An array that is not allocated counts as empty
    character(len=:), allocatable, intent(in) :: text
    integer :: i, length
 

@@ -26,11 +26,11 @@ contains
 subroutine ask(slot, question, word, given, error)
    type(slot_type), target, intent(inout) :: slot
    character(len=*), intent(in) :: question
-   !> Name that the question needs, blank for none
+   !> Name that the question needs, blank if none
    character(len=*), intent(in) :: word
-   !> Numbers that it needs, one after the other
+   !> Numbers that the question needs, one after the other
    real(wp), contiguous, intent(in) :: given(:)
-   !> Error handling: numbers that have no answer, a solve that failed
+   !> Error handling: invalid numbers, a failed solve
    type(error_type), allocatable, intent(out) :: error
    real(wp), allocatable :: place(:, :), value(:, :, :)
    real(wp) :: none(3, 0), no_stress(3, 3, 0)
@@ -48,7 +48,7 @@ subroutine ask(slot, question, word, given, error)
             & slot%full%n, slot%full%m, size(slot%scene%probe), slot%scene%steps(), &
             & maxval(shape_of%stencil)])
       case ('found')
-         ! what the search for points has changed in the deck, an override a line
+         ! changes of the deck by the search for points, one override per line
          call answer%put_text('overrides', slot%refinement%points)
       case ('approximation')
          call answer%put_text('text', slot%approximation)
@@ -59,7 +59,7 @@ subroutine ask(slot, question, word, given, error)
          triangle = surface_triangles(lattice_places(cloud)) - 1
          call answer%put_whole('surface', shape(triangle), triangle)
       case ('field_points')
-         ! where `set_fields` wants values
+         ! points at which `set_fields` expects values
          call slot%full%set_point_loads(none, none, no_stress, place)
          call answer%put('place', shape(place), place)
       case ('set_fields')
@@ -67,7 +67,7 @@ subroutine ask(slot, question, word, given, error)
       case ('reduce')
          call reduce(slot, word, given, error)
       case ('solve')
-         ! all load steps with the least squares solver named: threads, 0 for all cores; whether of
+         ! all load steps with the given least squares solver: threads, 0 for all cores; whether of
          ! the reduced model, and with error bars (1); unknowns at which the iteration begins
          if (given(1) > 0) call omp_set_num_threads(nint(given(1)))
          call solve_session(slot, word, given(2) > 0, given(3) > 0, given(4:), error)
@@ -90,10 +90,10 @@ subroutine ask(slot, question, word, given, error)
 end subroutine ask
 
 !> Body force, prescribed displacement and the stress whose traction is prescribed, all at full load
-!> and at the field points; the last two count where the deck has conditions of their kind
+!> and at the field points; the last two are used if the deck has conditions of their kind
 subroutine set_fields(slot, given, error)
    type(slot_type), intent(inout) :: slot
-   !> Components of these, shapes (3, n), (3, n) and (3, 3, n)
+   !> Their components, shapes (3, n), (3, n) and (3, 3, n)
    real(wp), intent(in) :: given(:)
    type(error_type), allocatable, intent(out) :: error
    integer :: n
@@ -123,7 +123,7 @@ subroutine reduce(slot, projection, given, error)
    call new_reduced(slot%reduced, slot%full, modes, projection, given(1) > 0, error)
 end subroutine reduce
 
-!> States of the last solve, also of one that failed, and the verdict on it
+!> States of the last solve, including a failed one, and the verdict on it
 subroutine answer_states(slot, error)
    type(slot_type), intent(inout) :: slot
    !> Error handling: no solve yet
@@ -138,7 +138,7 @@ subroutine answer_states(slot, error)
    end if
    steps = min(slot%states%steps, size(slot%states%x, 2))
    seconds = [slot%outcome%timer%assemble, slot%outcome%timer%solve, slot%outcome%seconds]
-   ! not a number without one
+   ! NaN without a solve
    worst = [slot%states%backward_error, slot%outcome%imbalance, ieee_value(worst(3), &
       & ieee_quiet_nan)]
    if (allocated(slot%outcome%work_mismatch)) worst(3) = slot%outcome%work_mismatch
@@ -170,7 +170,7 @@ subroutine answer_states(slot, error)
       call answer%put('seconds', [3], seconds)
       ! backward error, imbalance of forces, mismatch of works
       call answer%put('worst', [3], worst)
-      ! of the error and of the solution of a linear problem, negative for others
+      ! those of the error and of the solution of a linear problem, negative for others
       call answer%put('norms', [4], norms)
       call answer%put_text('warnings', slot%outcome%warnings)
       ! 0 for none, 1 accepted, 2 doubtful, 3 refused
@@ -179,12 +179,12 @@ subroutine answer_states(slot, error)
       ! whether the equilibrium is unstable
       call answer%put_whole('unstable', [integer ::], [merge(1, 0, slot%outcome%unstable)])
       call answer%put_text('reasons', slot%verdict%reasons)
-      ! three numbers a probe, not a number where there is none
+      ! three numbers per probe, NaN if there is none
       call answer%put('bars', shape(bar), bar)
    end associate
 end subroutine answer_states
 
-!> All fields at all collocation points for one state of the full problem, zero where it has none
+!> All fields at all collocation points for one state of the full problem, zero if it has none
 subroutine answer_fields(slot, given)
    type(slot_type), intent(inout) :: slot
    !> Load, then the unknowns
@@ -213,7 +213,7 @@ subroutine probe_values(slot, x, load, value, error)
    real(wp), intent(in) :: load(:)
    !> Values, shape (3, probes, states)
    real(wp), allocatable, intent(out) :: value(:, :, :)
-   !> Error handling: a probe without a place
+   !> Error handling: a probe without a position
    type(error_type), allocatable, intent(out) :: error
    type(field_state) :: state
    type(probes_type) :: probes
@@ -233,8 +233,8 @@ end subroutine probe_values
 !> Residual and linearised rows times a direction
 subroutine linearise(slot, given, error)
    type(slot_type), intent(inout) :: slot
-   !> 1 for the reduced problem, load; unknowns at the start of the load step, which fix the row
-   !> weights, those of the state, and the direction
+   !> 1 for the reduced problem, load; unknowns at the start of the load step, which determine the
+   !> row weights, those of the state, and the direction
    real(wp), contiguous, intent(in) :: given(:)
    !> Error handling: no reduced model, J <= 0
    type(error_type), allocatable, intent(out) :: error

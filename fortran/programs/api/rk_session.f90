@@ -1,4 +1,4 @@
-!> What the Python boundary does with a scene: open, solve full or reduced, evaluate.
+!> Operations of the Python boundary on a scene: open, solve full or reduced, evaluate.
 module rk_session
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, open_deck
@@ -22,15 +22,15 @@ contains
 subroutine open_session(path, text, overrides, model, listener, slot, error)
    !> Deck, or its name for messages
    character(len=*), intent(in) :: path
-   !> Text of the deck; blank for that of the file
+   !> Text of the deck; blank to read the file
    character(len=*), intent(in) :: text
    !> Overrides "table.key=value"; blanks are skipped
    character(len=*), intent(in) :: overrides(:)
-   !> Points of the model file, where the deck wants one
+   !> Points of the model file, if the deck needs one
    type(cloud_type), intent(in) :: model
-   !> Reader of the lines of a search for points, who may stop it
+   !> Receiver of the lines of a search for points, who may stop it
    procedure(listener_interface) :: listener
-   !> The scene, not associated after an error
+   !> The scene, not associated on error
    type(slot_type), pointer, intent(out) :: slot
    type(error_type), allocatable, intent(out) :: error
    type(deck_type) :: deck
@@ -61,7 +61,7 @@ end subroutine open_session
 !> Full or reduced problem of a scene
 subroutine find_problem(slot, reduced, problem, error)
    type(slot_type), intent(in), target :: slot
-   !> Want the reduced problem
+   !> Whether the reduced problem is requested
    logical, intent(in) :: reduced
    class(problem_type), pointer, intent(out) :: problem
    !> Error handling: no reduced model
@@ -78,9 +78,9 @@ subroutine solve_session(slot, linear, reduced, estimate, x, error)
    type(slot_type), target, intent(inout) :: slot
    !> Least squares solver; blank for the deck's
    character(len=*), intent(in) :: linear
-   !> Solve the reduced problem
+   !> Whether to solve the reduced problem
    logical, intent(in) :: reduced
-   !> Compute a second solution for error bars
+   !> Whether to compute a second solution for error bars
    logical, intent(in) :: estimate
    !> Unknowns at which the iteration begins, shape (n)
    real(wp), intent(in) :: x(:)
@@ -92,7 +92,7 @@ subroutine solve_session(slot, linear, reduced, estimate, x, error)
    slot%states%steps = 0
    call find_problem(slot, reduced, problem, error)
    if (allocated(error)) return
-   ! the search for the points has solved it already
+   ! the search for the points has already solved it
    if (.not. reduced .and. linear == '' .and. .not. any(abs(x) > 0.0_wp)) &
       & call move_alloc(slot%refinement%start, start)
    if (.not. allocated(start)) then

@@ -1,4 +1,4 @@
-!> myork-solve: the full model of a deck. The only place that prints errors and sets exit status.
+!> myork-solve: the full model of a deck. Errors are printed and the exit status is set only here.
 program main
    use, intrinsic :: iso_fortran_env, only : error_unit
    use omp_lib, only : omp_get_max_threads, omp_set_num_threads
@@ -40,11 +40,11 @@ program main
    type(json_entry), allocatable :: earlier(:)
    !> Wall time of the shape functions [s]
    real(wp) :: shape_s
-   !> Whether an earlier summary is damaged, and whether the points are those of an ended run
+   !> Whether an earlier summary is damaged, and whether the points are those of an interrupted run
    logical :: damaged, resumed = .false.
    !> Whether there is a deck of that name
    logical :: found
-   !> Whether the output folder is ours, and whether its summary is that of this run
+   !> Whether the output folder is claimed, and whether its summary is that of this run
    logical :: claimed = .false., written = .false.
    integer(i8) :: clock
 
@@ -57,7 +57,7 @@ program main
       stop
    end if
    if (config%threads > 0) call omp_set_num_threads(config%threads)
-   ! a mistyped name leaves no folder and no other summary
+   ! a mistyped name must not create a folder or change a summary
    inquire (file=config%deck, exist=found)
    if (found .and. .not. config%explain) then
       call make_folder(config%out, error)
@@ -80,7 +80,7 @@ program main
 
 contains
 
-   !> The problem on the points of the deck, or on those that are found for it
+   !> Set up the problem on the points of the deck, or on those found by the search
    subroutine set_up()
       integer(i8) :: began
 
@@ -100,7 +100,7 @@ contains
       shape_s = tick(began)
    end subroutine set_up
 
-   !> The state at which it begins, its files, and what is said before it is solved
+   !> Find the state at which the run begins, open its files, and print what precedes the solve
    subroutine begin()
       type(run_type), allocatable :: before
 
@@ -170,7 +170,7 @@ contains
       if (config%verbosity >= 0) call tell(sentence//': '//message)
    end subroutine solve
 
-   !> Have the output folder alone, with a summary that says that this run has not ended
+   !> Lock the output folder, and write a summary that states that this run has not finished
    subroutine claim()
       call lock_folder(config%out, error)
       call leave_on(error)
@@ -183,7 +183,7 @@ contains
       call leave_on(error)
    end subroutine claim
 
-   !> Print an error and leave with its exit status; the summary says why
+   !> Print an error and stop with its exit status; the summary gives the reason
    subroutine leave_on(error)
       type(error_type), allocatable, intent(in) :: error
       type(error_type), allocatable :: unwritten

@@ -9,7 +9,7 @@ module rk_cli
 
    public :: config_type, read_arguments
 
-   !> More threads than any machine that shares memory has; the system would refuse to start them
+   !> More threads than any shared-memory machine has; the system would refuse to start them
    integer, parameter :: most_threads = 1024
    character(len=*), parameter :: nl = new_line('a'), usage_text = &
       & 'usage: myork-solve DECK [-o DIR | --out DIR] [-t N | --threads N] [--set ' &
@@ -35,7 +35,7 @@ module rk_cli
       & //'exit status: 0 done; 1 ended without convergence, the last converged state is ' &
       & //'written, or the answer is refused; 2 bad input; 3 broken installation'
 
-   !> What the program was asked to do
+   !> Settings of a run
    type :: config_type
       !> Deck
       character(len=:), allocatable :: deck
@@ -45,15 +45,15 @@ module rk_cli
       character(len=512), allocatable :: overrides(:)
       !> Threads, 0 for all cores
       integer :: threads = 0
-      !> -1 quiet, 0 a line a step, 1 a line an iteration
+      !> -1 quiet, 0 one line per step, 1 one line per iteration
       integer :: verbosity = 0
-      !> Compute a second solution for the error bars
+      !> Whether to compute a second solution for the error bars
       logical :: estimate = .true.
-      !> Go on where an earlier run in the output folder was ended
+      !> Whether to resume an interrupted run in the output folder
       logical :: resume = .false.
-      !> State to begin at, "FILE" or "FILE:STEP"; blank for none
+      !> Initial state, "FILE" or "FILE:STEP"; blank for none
       character(len=:), allocatable :: start
-      !> Only say what would be done
+      !> Whether only to explain the run
       logical :: explain = .false.
       !> Text to print instead of a run
       character(len=:), allocatable :: answer
@@ -62,7 +62,7 @@ module rk_cli
 contains
 
 subroutine read_arguments(config, error)
-   !> What was asked
+   !> Settings given by the arguments
    type(config_type), intent(out) :: config
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: word, value
@@ -144,7 +144,7 @@ subroutine read_arguments(config, error)
       return
    end if
    if (len(config%out) > 0) return
-   ! name of the deck without folder and ending
+   ! name of the deck without folder and extension
    word = config%deck(index(config%deck, '/', back=.true.) + 1:)
    i = index(word, '.', back=.true.)
    if (i > 1) word = word(:i - 1)

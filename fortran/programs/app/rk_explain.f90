@@ -1,4 +1,4 @@
-!> What a deck will model and what that costs, before anything is computed.
+!> Explanation of a deck: what it models and what that costs, before anything is computed.
 module rk_explain
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, word_length
@@ -81,7 +81,7 @@ subroutine explain(deck, model, scene)
    print '(a)', '  time          '//text
 end subroutine explain
 
-!> Blocks of voxels between the source points, and where they became finer by themselves
+!> Blocks of voxels between the source points, and where they were refined automatically
 subroutine explain_blocks(deck, model, scene)
    type(deck_type), intent(in) :: deck
    type(cloud_type), intent(in) :: model
@@ -125,7 +125,7 @@ subroutine explain_sets(scene)
    end associate
 end subroutine explain_sets
 
-!> Load steps, and where activation grows
+!> Load steps, and growth of the activation
 subroutine explain_load(scene)
    type(scene_type), intent(in) :: scene
    integer :: k
@@ -142,7 +142,7 @@ subroutine explain_load(scene)
    end do
 end subroutine explain_load
 
-!> Operations of a matrix product in a CPU second of this machine
+!> Rate of matrix products on this machine, in operations per CPU second
 real(wp) function rate()
    integer, parameter :: n = 600
    real(wp), allocatable :: a(:, :), c(:, :)

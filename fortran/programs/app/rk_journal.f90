@@ -1,8 +1,8 @@
-!> Journal of a run: what it needs to go on, in a file that only grows.
+!> Journal of a run: the data needed to resume it, in a file that only grows.
 !>
-!> A result file that was being written when its process was killed can be torn: HDF5 writes again
-!> to places that it has written before. Of a journal only its last load step can be torn;
-!> the sum of its unknowns shows what a disk that lost power did not keep.
+!> A result file can be torn if its process is killed while writing: HDF5 rewrites parts of the
+!> file. In a journal only the last load step can be torn; the sum of its unknowns detects data lost
+!> by a disk in a power failure.
 module rk_journal
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -24,38 +24,38 @@ module rk_journal
    !> Journal being written
    type :: journal_type
       private
-      !> Unit of its file; 0 where there is none
+      !> Unit of its file; 0 if there is none
       integer :: unit = 0
       !> Lines of the history since the last step, each with its line feed
       character(len=:), allocatable :: lines
-      !> Load steps that it has, that at load 0 included
+      !> Load steps written, including that at load 0
       integer :: steps = 0
    contains
       procedure :: open => open_journal, add_line, add_step
    end type journal_type
 
-   !> Run as its journal has it, without load steps where nothing was solved
+   !> Run read from its journal, without load steps if nothing was solved
    type, extends(restart_type) :: run_type
-      !> Deck, and its overrides as lines
+      !> Deck, and its overrides, one per line
       character(len=:), allocatable :: deck, overrides
       !> Load steps, that at load 0 first
       type(step_type), allocatable :: step(:)
-      !> Lines of history.csv behind the first, each with its line feed
+      !> Lines of history.csv after the first, each with its line feed
       character(len=:), allocatable :: history
-      !> Where its journal goes on, counted in bytes from 1
+      !> Position at which its journal continues, counted in bytes from 1
       integer(i8) :: behind = 0
    end type run_type
 
 contains
 
-!> Begin a journal, or go on behind the last step of one
+!> Begin a journal, or continue one after its last step
 subroutine open_journal(self, folder, run, deck, approximation, cloud, unknowns, error)
    class(journal_type), intent(inout) :: self
    character(len=*), intent(in) :: folder
-   !> Run that goes on, not allocated where one begins
+   !> Run to be resumed, not allocated for a new run
    type(run_type), allocatable, intent(in) :: run
    type(deck_type), intent(in) :: deck
-   !> Shape functions in words
+   !> Description of the shape functions
    character(len=*), intent(in) :: approximation
    type(cloud_type), intent(in) :: cloud
    integer, intent(in) :: unknowns
@@ -88,8 +88,8 @@ subroutine add_line(self, line)
    if (self%unit /= 0) self%lines = self%lines//line//new_line('a')
 end subroutine add_line
 
-!> Add a load step, unless the journal has it. A state between two planned ones is found again. A
-!> full disk is an error of the results, which are in the same folder
+!> Add a load step, unless the journal has it. A state between two planned ones is not stored: it is
+!> solved again. A full disk is an error of the results, which are in the same folder
 subroutine add_step(self, step, x)
    class(journal_type), intent(inout) :: self
    type(step_type), intent(in) :: step
@@ -105,13 +105,13 @@ subroutine add_step(self, step, x)
    self%lines = ''
 end subroutine add_step
 
-!> Read the journal in a folder up to its last whole step
+!> Read the journal in a folder up to its last complete step
 subroutine read_journal(self, path, folder, error)
    type(run_type), intent(out) :: self
    !> Its file, for messages
    character(len=:), allocatable, intent(out) :: path
    character(len=*), intent(in) :: folder
-   !> Error handling: what no journal of this version holds
+   !> Error handling: content that is not a journal of this version
    type(error_type), allocatable, intent(out) :: error
    character(len=len(mark)) :: first
    integer(i8) :: bytes
@@ -152,7 +152,7 @@ subroutine read_step(self, unit, bytes, stat)
    integer, intent(in) :: unit
    !> Length of its file
    integer(i8), intent(in) :: bytes
-   !> Other than 0 where there is none, or a part of one
+   !> Nonzero if there is none, or only a part of one
    integer, intent(out) :: stat
    type(step_type) :: step
    character(len=:), allocatable :: lines

@@ -1,4 +1,4 @@
-!> Receives what happens in a solve: progress lines, history.csv, run.log and results.vtkhdf.
+!> Output of a solve: progress lines, history.csv, run.log and results.vtkhdf.
 module rk_output
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
    use rk_bars, only : printed
@@ -33,17 +33,17 @@ module rk_output
       real(wp), allocatable :: probe(:, :)
    end type step_record
 
-   !> Files of a run; before they are open, while points are searched for, its lines on the terminal
+   !> Files of a run; before they are open, during a search for points, lines go to the terminal
    type, extends(recorder_type) :: output_type
-      !> Problem whose states arrive
+      !> Problem whose states are recorded
       class(discretisation_type), pointer :: problem => null()
       !> Probes
       type(probes_type) :: probes
       !> Result file
       type(results_type) :: results
-      !> Steps so far
+      !> Number of steps so far
       type(step_record), allocatable :: record(:)
-      !> States that converged under load, the state at rest not counted
+      !> Number of states that converged under load, without the state at rest
       integer :: loaded = 0
       !> Last iteration
       type(iteration_type) :: last
@@ -51,9 +51,9 @@ module rk_output
       real(wp) :: backward_error = 0.0_wp
       real(wp) :: misfit = 0.0_wp
       real(wp) :: rcond = 1.0_wp
-      !> -1 quiet, 0 a line a step, 1 a line an iteration
+      !> -1 quiet, 0 one line per step, 1 one line per iteration
       integer :: verbosity = 0
-      !> Load steps of an earlier run that are recorded once more
+      !> Number of load steps of an earlier run to be recorded again
       integer :: repeated = 0
       !> Wall time of writing [s]
       real(wp) :: seconds = 0.0_wp
@@ -75,9 +75,9 @@ subroutine open_output(self, problem, folder, deck, run, error)
    class(discretisation_type), target, intent(inout) :: problem
    !> Folder, which exists
    character(len=*), intent(in) :: folder
-   !> Deck, kept with the results
+   !> Deck, stored with the results
    type(deck_type), intent(in) :: deck
-   !> Run that goes on, not allocated where one begins
+   !> Run to be resumed, not allocated for a new run
    type(run_type), allocatable, intent(in) :: run
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: approximation
@@ -107,7 +107,7 @@ end subroutine open_output
 !> Complete the files under their temporary names
 subroutine close_output(self, error)
    class(output_type), intent(inout) :: self
-   !> Error handling: the first failure of all writing
+   !> Error handling: the first write error
    type(error_type), allocatable, intent(out) :: error
    integer(i8) :: clock
 
@@ -122,9 +122,9 @@ subroutine close_output(self, error)
    if (allocated(self%error)) call move_alloc(self%error, error)
 end subroutine close_output
 
-!> Give the completed files their names, in place of those of an earlier run
+!> Rename the completed files to their final names, in place of those of an earlier run
 subroutine publish(self, folder, error)
-   !> Closed files, all of them whole
+   !> Closed files, all of them complete
    class(output_type), intent(inout) :: self
    !> Folder they are in
    character(len=*), intent(in) :: folder
@@ -133,7 +133,7 @@ subroutine publish(self, folder, error)
 
    inquire (file=folder//'/results.vtkhdf', exist=earlier)
    if (earlier .and. self%loaded == 0) then
-      ! a state at rest is no result: those of the earlier run are kept
+      ! a state at rest is not a result: the files of the earlier run are kept
       call drop_file(folder//'/results.vtkhdf.part')
       call drop_file(folder//'/history.csv.part')
    else
@@ -143,7 +143,7 @@ subroutine publish(self, folder, error)
    if (.not. allocated(error)) call self%log%publish(error)
 end subroutine publish
 
-!> Keep the first failure of writing
+!> Keep the first write error
 subroutine keep(self, error)
    class(output_type), intent(inout) :: self
    !> Failure, if any
@@ -161,7 +161,7 @@ subroutine iteration(self, it)
    self%last = it
    self%backward_error = max(self%backward_error, it%solver%backward_error)
    self%misfit = max(self%misfit, it%solver%misfit)
-   ! a factor that is used again has none of its own
+   ! a factor that is reused has none of its own
    if (it%solver%rcond > 0.0_wp) self%rcond = min(self%rcond, it%solver%rcond)
    write (line, '(i0, ",", es23.16e3, ",", i0, 5(",", es15.8e3), ",", es9.2e3, '// &
       & '",", a, ",", f0.3)') it%step, it%load, it%iteration, it%residual, it%gradient, &
@@ -226,7 +226,7 @@ subroutine step(self, st, x)
    call self%say(trim(line), level=0)
 end subroutine step
 
-!> Stop on Ctrl-C, but not before all states of the run that goes on are recorded again, and where
+!> Stop on Ctrl-C, but not before all states of a resumed run are recorded again, and stop if
 !> results cannot be written any more
 logical function stopped(self)
    class(output_type), intent(inout) :: self
@@ -234,7 +234,7 @@ logical function stopped(self)
    stopped = (interrupted() .and. self%loaded >= self%repeated) .or. allocated(self%error)
 end function stopped
 
-!> A line to the log and, where wanted, to the terminal
+!> Write a line to the log and, depending on its level, to the terminal
 subroutine say(self, line, level)
    class(output_type), intent(inout) :: self
    character(len=*), intent(in) :: line
@@ -247,14 +247,14 @@ subroutine say(self, line, level)
    if (self%verbosity >= level) call tell(line)
 end subroutine say
 
-!> What happened between two steps, or deserves attention
+!> Note an event between two steps, or a warning
 subroutine note(self, line, warning)
    class(output_type), intent(inout) :: self
    character(len=*), intent(in) :: line
    logical, intent(in) :: warning
 
    if (.not. allocated(self%record)) then
-      ! the run that follows a search warns again
+      ! the run that follows a search repeats its warnings
       if (.not. warning) call self%say(line, level=0)
    else if (warning) then
       call self%say('warning: '//line, level=0)
@@ -263,7 +263,7 @@ subroutine note(self, line, warning)
    end if
 end subroutine note
 
-!> Probes with their error bars, and the verdict into the log
+!> Write probes with their error bars, and the verdict, to the log
 subroutine tell_verdict(self, deck, verdict)
    class(output_type), intent(inout) :: self
    type(deck_type), intent(in) :: deck
@@ -292,7 +292,7 @@ subroutine tell_verdict(self, deck, verdict)
          end associate
       end do
    end if
-   ! the terminal gets it as the last line
+   ! the terminal shows it as the last line
    call verdict%get_sentence(line)
    call self%say(line, level=huge(1))
 end subroutine tell_verdict
@@ -301,7 +301,7 @@ end subroutine tell_verdict
 subroutine append_numbers(text, values, digits)
    character(len=:), allocatable, intent(inout) :: text
    real(wp), intent(in) :: values(:)
-   !> Digits of each
+   !> Significant digits of each
    integer, intent(in) :: digits
 
    if (size(values) > 1) then

@@ -16,11 +16,11 @@ module rk_resume
 
 contains
 
-!> Load steps of an ended run in a folder
+!> Read the load steps of an interrupted run in a folder
 subroutine resume_run(run, start, folder, deck, problem, error)
-   !> The run; not allocated where nothing was solved
+   !> The run; not allocated if nothing was solved
    type(run_type), allocatable, intent(out) :: run
-   !> Where it goes on; not allocated where nothing was solved
+   !> Start of the resumed run; not allocated if nothing was solved
    type(start_type), allocatable, intent(out) :: start
    character(len=*), intent(in) :: folder
    !> Deck, which must be that of the run
@@ -33,7 +33,7 @@ subroutine resume_run(run, start, folder, deck, problem, error)
 
    if (problem%linear) return
    call read_journal(found, path, folder, error)
-   ! what has led to the state at load 0 is found again
+   ! the solution of the state at load 0 is repeated
    if (allocated(error) .or. size(found%step) < 2) return
    call compare_decks(found, deck, path, error)
    if (.not. allocated(error)) call compare_points(found, deck, problem, path, error)
@@ -46,8 +46,8 @@ subroutine resume_run(run, start, folder, deck, problem, error)
    start%x = run%x(:, 2:)
 end subroutine resume_run
 
-!> Give a deck that has a table refine the points which its ended run had found, so that they are
-!> not searched again: another search may be ended by its cost at others
+!> Give a deck with a table refine the points found by its interrupted run, so that they are not
+!> searched again: another search may be stopped by its cost at other points
 subroutine resume_points(folder, deck, resumed, error)
    character(len=*), intent(in) :: folder
    !> Deck, replaced by one with these points
@@ -74,7 +74,7 @@ subroutine resume_points(folder, deck, resumed, error)
    if (.not. allocated(error)) deck = finer
 end subroutine resume_points
 
-!> State of a file at which the iteration shall begin
+!> Read from a file the state at which the iteration begins
 subroutine start_from(words, deck, problem, start, error)
    !> File and step, "FILE" for the last one or "FILE:STEP"
    character(len=*), intent(in) :: words
@@ -117,7 +117,7 @@ subroutine start_from(words, deck, problem, start, error)
    start%x = found%x(:, step + 1:step + 1)
 end subroutine start_from
 
-!> Refuse the file of another deck, and say where it differs
+!> Refuse the file of another deck, and report where it differs
 subroutine compare_decks(found, deck, path, error)
    type(run_type), intent(in) :: found
    type(deck_type), intent(in) :: deck

@@ -26,8 +26,8 @@ module rk_summary
 
    public :: write_summary, write_refusal, set_aside, earlier_entries
 
-   !> Entries of the stations before a solve, which hold whatever is solved; all others describe a
-   !> solution, `rom` as well, and end with it
+   !> Entries of the stations before a solve, which stay valid for any solution; all others,
+   !> including `rom`, describe one solution, and are dropped with it
    character(len=*), parameter :: kept(*) = [character(len=14) :: 'segmentation', 'tissue', &
       & 'model', 'resampled', 'damaged_slices']
 
@@ -39,16 +39,16 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
    type(deck_type), intent(in) :: deck
    !> States of a problem with their probes
    type(output_type), intent(in) :: output
-   !> What the run found out
+   !> Results and outcome of the run
    type(outcome_type), intent(in) :: outcome
-   !> Whether it can be trusted, and how far
+   !> Verdict: whether it can be trusted, and how far
    type(verdict_type), intent(in) :: verdict
-   !> Search for the points, where one was wanted
+   !> Search for the points, if one was requested
    type(refinement_type), intent(in) :: refinement
    !> Wall times of shape functions and of everything [s]
    real(wp), intent(in) :: shape_s, total_s
    integer, intent(in) :: threads
-   !> Entries of the file that is there
+   !> Entries of the existing file
    type(json_entry), intent(in) :: earlier(:)
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
@@ -138,8 +138,8 @@ subroutine write_sets(json, cloud, unit)
    call json%end_array()
 end subroutine write_sets
 
-!> Give the summary of a finished solution another name, under which it stays until a later run has
-!> finished: nobody shall take it for that of the run that was asked now
+!> Rename the summary of a finished solution until a later run has finished, so that it is not taken
+!> for that of the current run
 subroutine set_aside(folder, earlier, error)
    !> Folder, locked by this process
    character(len=*), intent(in) :: folder
@@ -149,20 +149,20 @@ subroutine set_aside(folder, earlier, error)
    logical :: finished
    integer :: k
 
-   ! it may be there under its other name only
+   ! it may exist only under its other name
    inquire (file=folder//'/summary.json', exist=finished)
    if (.not. finished) return
    finished = any([(earlier(k)%key == 'converged' .and. earlier(k)%value == 'true', &
       & k=1, size(earlier))])
    do k = 1, size(earlier)
-      ! a mark inside a text has a backslash before it
+      ! quotation marks inside a text are preceded by a backslash
       if (earlier(k)%key == 'verdict') finished = finished .and. index(earlier(k)%value, &
          & '"'//trim(verdict_names(refused))//'"') == 0
    end do
    if (finished) call move_file(folder//'/summary.json', folder//'/summary.json.previous', error)
 end subroutine set_aside
 
-!> Write a summary that says why a run has no solution
+!> Write a summary that states why a run has no solution
 subroutine write_refusal(folder, reason, earlier, error)
    !> Folder, locked by this process
    character(len=*), intent(in) :: folder
@@ -190,11 +190,11 @@ subroutine write_refusal(folder, reason, earlier, error)
    call json%save(folder//'/summary.json', error)
 end subroutine write_refusal
 
-!> Entries of the summary in a folder; of that which was set aside where there is none
+!> Entries of the summary in a folder, or, if there is none, of the one set aside
 subroutine earlier_entries(folder, entries, damaged)
    character(len=*), intent(in) :: folder
    type(json_entry), allocatable, intent(out) :: entries(:)
-   !> The file is there and is not a JSON object
+   !> The file exists and is not a JSON object
    logical, intent(out) :: damaged
 
    call read_entries(folder//'/summary.json', entries, damaged)
@@ -202,7 +202,7 @@ subroutine earlier_entries(folder, entries, damaged)
       & //'/summary.json.previous', entries, damaged)
 end subroutine earlier_entries
 
-!> Entries of earlier stations that hold whatever is solved
+!> Entries of earlier stations that stay valid for any solution
 subroutine put_kept(json, earlier)
    type(json_type), intent(inout) :: json
    !> Entries of an earlier summary
@@ -217,7 +217,7 @@ end subroutine put_kept
 subroutine write_refinement(json, refinement, problem, verdict)
    type(json_type), intent(inout) :: json
    type(refinement_type), intent(in) :: refinement
-   !> Problem on the points that were found
+   !> Problem on the points found
    class(discretisation_type), intent(in) :: problem
    !> Verdict with bars
    type(verdict_type), intent(in) :: verdict
@@ -289,7 +289,7 @@ subroutine write_steps(json, problem, output, verdict)
          if (allocated(record%step%energy)) then
             call json%begin_object('energy')
             call json%put('kinetic', record%step%energy(1))
-            ! which collocation does not have
+            ! which collocation does not provide
             if (.not. ieee_is_nan(record%step%energy(2))) then
                call json%put('strain', record%step%energy(2))
                call json%put('work', record%step%energy(3))
@@ -315,7 +315,7 @@ subroutine write_steps(json, problem, output, verdict)
    call json%end_array()
 end subroutine write_steps
 
-!> Activation of each muscle, where some have one of their own
+!> Activation of each muscle, if some muscles have their own
 subroutine write_activations(json, scene, load)
    type(json_type), intent(inout) :: json
    type(scene_type), intent(in) :: scene
@@ -332,7 +332,7 @@ subroutine write_activations(json, scene, load)
    call json%end_object()
 end subroutine write_activations
 
-!> Error bars of the probes of a step, and values that are printed otherwise than they are found
+!> Error bars of the probes of a step, and values whose printed form differs
 subroutine write_bars(json, problem, record, bars)
    type(json_type), intent(inout) :: json
    class(discretisation_type), intent(in) :: problem
@@ -427,7 +427,7 @@ subroutine write_exact(json, problem, output)
    call json%end_object()
 end subroutine write_exact
 
-!> Reference values at the loads that were solved
+!> Reference values at the loads solved
 subroutine write_references(json, problem, output)
    type(json_type), intent(inout) :: json
    class(discretisation_type), intent(in) :: problem

@@ -17,7 +17,7 @@ module rk_system
       !> Install the handlers
       subroutine catch_signals() bind(c, name='rk_catch_signals')
       end subroutine catch_signals
-      !> Settings of the process: limits, and the parent to end with
+      !> Settings of the process: limits, and the parent whose end stops it
       subroutine prepare_process() bind(c, name='rk_prepare_process')
       end subroutine prepare_process
       function c_lock_folder(path, owner) result(why) bind(c, name='rk_lock_folder')
@@ -70,11 +70,11 @@ subroutine make_folder(path, error)
       & //' cannot be used for output: '//to_fortran(why))
 end subroutine make_folder
 
-!> Claim a folder until the program ends: two runs would mix their files
+!> Lock a folder until the program ends: two runs would mix their files
 subroutine lock_folder(path, error)
    !> Folder, which exists
    character(len=*), intent(in) :: path
-   !> Error handling: another process has it
+   !> Error handling: locked by another process
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
    integer(c_int) :: owner
@@ -90,7 +90,7 @@ subroutine lock_folder(path, error)
    end if
 end subroutine lock_folder
 
-!> Print a line; a reader that has gone away is no reason to end
+!> Print a line; do not stop if its reader has gone away
 subroutine tell(line)
    character(len=*), intent(in) :: line
    integer :: ignored

@@ -1,4 +1,4 @@
-/* What the program needs of the operating system and Fortran does not offer. */
+/* System services that the program needs and that Fortran does not offer. */
 #include <cerrno>
 #include <csignal>
 #include <cstdio>
@@ -17,7 +17,7 @@ extern "C" {
 
 static volatile sig_atomic_t interrupted = 0;
 
-/* Where the terminal or the parent has gone results are written first, however often it is said. */
+/* After a hangup or the end of the parent results are written first, even on repeated signals. */
 static void on_signal(int number) {
    if (interrupted && (number == SIGINT || number == SIGTERM)) _exit(130);
    interrupted = 1;
@@ -30,19 +30,19 @@ static void handle(int number, void (*handler)(int)) {
    sigaction(number, &action, NULL);
 }
 
-/* Let the first Ctrl-C or termination request set a flag; the second one ends the program. A
-   reader of the output that goes away ends nothing. What the caller ignores stays ignored. */
+/* Let the first Ctrl-C or termination request set a flag; the second one ends the program. A closed
+   output pipe does not end it. Signals ignored by the caller stay ignored. */
 void rk_catch_signals(void) {
    handle(SIGINT, on_signal);
    handle(SIGTERM, on_signal);
    handle(SIGHUP, on_signal);
-   signal(SIGUSR1, on_signal);   /* the end of the parent, also where hangups are ignored */
+   signal(SIGUSR1, on_signal);   /* sent at the end of the parent, even if hangups are ignored */
    signal(SIGPIPE, SIG_IGN);
 }
 
-/* A limit on the size of files is an error of the write that meets it. And the program ends with the
-   process named in MYORK_PARENT, however that one ends: a solve that nobody waits for stops after its
-   iteration with the last converged state written. */
+/* Exceeding a limit on file sizes becomes an error of the write. The program ends with the process
+   named in MYORK_PARENT, however that one ends: an abandoned solve stops after its iteration with
+   the last converged state written. */
 void rk_prepare_process(void) {
    signal(SIGXFSZ, SIG_IGN);
    const char *parent = getenv("MYORK_PARENT");
@@ -56,8 +56,8 @@ void rk_prepare_process(void) {
 /* base/files.c: open a name for output that is neither a link nor a pipe */
 const char *rkf_output(const char *path, int keep, int *file);
 
-/* Claim a folder for this process until it ends: NULL, or the reason why not, with the process that
-   has it where one has. File systems without locks are accepted. */
+/* Lock a folder for this process until it ends: NULL, or the reason of a failure, and the process
+   that has the lock, if one does. File systems without locks are accepted. */
 const char *rk_lock_folder(const char *path, int *owner) {
    int file;
    *owner = 0;
@@ -83,7 +83,7 @@ double rk_peak_bytes(void) {
    return 1024.0 * (double)usage.ru_maxrss;
 }
 
-/* Make a folder and those above it; NULL where it exists afterwards, or the reason why not. */
+/* Make a folder and those above it; NULL if it exists afterwards, or the reason of the failure. */
 const char *rk_make_folder(const char *path) {
    static std::string why;
    std::error_code error;
@@ -93,9 +93,9 @@ const char *rk_make_folder(const char *path) {
    return error ? why.c_str() : NULL;
 }
 
-/* OpenMP threads that wait by spinning starve a machine that is shared; the library reads its
-   policy when it is loaded, so the program starts again with it set. A single thread waits for none.
-   They sleep after some 20 microseconds, as loops in a row are closer to each other than that. */
+/* OpenMP threads that wait by spinning starve a shared machine; the library reads its policy when
+   it is loaded, so the program restarts with it set. A single thread never waits. They sleep after
+   some 20 microseconds, since consecutive loops are closer together than that. */
 __attribute__((constructor)) static void wait_passively(int argc, char **argv) {
    if (getenv("OMP_WAIT_POLICY") != NULL) return;
    for (int k = 1; k + 1 < argc; k++)
@@ -104,8 +104,8 @@ __attribute__((constructor)) static void wait_passively(int argc, char **argv) {
    if (setenv("OMP_WAIT_POLICY", "passive", 1) == 0) execv("/proc/self/exe", argv);
 }
 
-/* OpenBLAS asks for its buffers when it is loaded, again and again where the system refuses them: it
-   would never end. A program sees its limit before its libraries start only in .preinit_array. */
+/* OpenBLAS allocates its buffers when it is loaded, and retries for ever if the system refuses.
+   Only in .preinit_array can a program check its limit before its libraries start. */
 #ifdef __linux__
 enum { LEAST_MEGABYTES = 800 };
 

@@ -1,8 +1,8 @@
 /* HDF5 behind plain C calls, the only file that names H5* routines (used by rk_hdf5.f90).
  *
- * Fortran hands over sizes in its own order; they are reversed here, so that a(3,n) becomes an
- * HDF5 dataset of shape (n,3) without moving a number. Every function returns NULL, or the reason of
- * its failure, which holds until the next call; nothing is printed.
+ * Fortran passes sizes in its own order; they are reversed here, so that a(3,n) becomes an HDF5
+ * dataset of shape (n,3) without moving a number. Every function returns NULL, or the reason of its
+ * failure, valid until the next call; nothing is printed.
  *
  * Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10)
  */
@@ -18,10 +18,10 @@ const char *rkf_make(const char *path, int keep);
 
 enum { MAX_RANK = 4 };
 
-/* A dataset is compressed in pieces of about this size [byte] */
+/* Chunk size of a compressed dataset, small and large [byte] */
 static const hsize_t CHUNK_SMALL = 4096, CHUNK_LARGE = 1048576;
 
-/* Bytes where it is none of numbers */
+/* Bytes if it is not a type of numbers */
 static hid_t type_of(CFI_type_t type)
 {
    return type == CFI_type_double    ? H5T_NATIVE_DOUBLE
@@ -32,7 +32,7 @@ static hid_t type_of(CFI_type_t type)
 
 static _Thread_local struct { char text[400]; int heard, quoted; } reason;
 
-/* The innermost complaint says most; one that quotes the operating system says all. */
+/* The innermost error is the most specific; one that quotes the operating system is sufficient. */
 static herr_t pick_reason(unsigned n, const H5E_error2_t *entry, void *unused)
 {
    (void)unused;
@@ -57,7 +57,7 @@ static herr_t hear(hid_t stack, void *unused)
    return 0;
 }
 
-/* First and last call of every function that may fail */
+/* First and last calls of every function that may fail */
 static void listen(void)
 {
    snprintf(reason.text, sizeof reason.text, "HDF5 gave no reason");
@@ -82,7 +82,7 @@ const char *rkh5_open(const char *path, int writing, int64_t *file)
    H5dont_atexit();   /* a full disk would make the clean-up at exit fail again */
    listen();
    hid_t access = H5Pcreate(H5P_FILE_ACCESS);
-   H5Pset_fclose_degree(access, H5F_CLOSE_STRONG);   /* with whatever a failed call left open */
+   H5Pset_fclose_degree(access, H5F_CLOSE_STRONG);   /* with objects left open on failure */
    H5Pset_file_locking(access, 1, 1);                /* file systems without locks are accepted */
    *file = writing ? H5Fcreate(path, H5F_ACC_TRUNC, H5P_DEFAULT, access)
                    : H5Fopen(path, H5F_ACC_RDONLY, access);
@@ -107,7 +107,7 @@ int rkh5_exists(int64_t file, const char *path)
    char part[1024];
    size_t length = strlen(path);
    if (length >= sizeof part) return 0;
-   for (size_t i = 1; i <= length; i++) {   /* every group on the way must exist as well */
+   for (size_t i = 1; i <= length; i++) {   /* every group on the path must exist as well */
       if (path[i] != '/' && path[i] != '\0') continue;
       memcpy(part, path, i);
       part[i] = '\0';
@@ -116,7 +116,7 @@ int rkh5_exists(int64_t file, const char *path)
    return 1;
 }
 
-/* Chunks hold whole rows (first HDF5 dimension): one append, an even part of a large one, or
+/* Chunks contain whole rows (first HDF5 dimension): one append, an even part of a large one, or
  * many small ones. */
 static hid_t chunked(int rank, const hsize_t *shape, size_t size)
 {
@@ -142,7 +142,7 @@ static hid_t chunked(int rank, const hsize_t *shape, size_t size)
    return layout;
 }
 
-/* A dataset without rows yet, with its parent groups */
+/* Create a dataset without rows, and its parent groups */
 static hid_t create_dataset(hid_t file, const char *path, hid_t type, int rank,
    const hsize_t *shape)
 {
@@ -187,7 +187,7 @@ static int append_rows(hid_t set, hid_t type, int rank, const hsize_t *shape, co
    return failed ? -1 : 0;
 }
 
-/* Rows behind those already there; the first call creates the dataset */
+/* Append rows to those present; the first call creates the dataset */
 const char *rkh5_append(int64_t file, const char *path, const CFI_cdesc_t *values)
 {
    hsize_t shape[MAX_RANK] = {0};
@@ -203,15 +203,15 @@ const char *rkh5_append(int64_t file, const char *path, const CFI_cdesc_t *value
    return finish(failed);
 }
 
-/* Complaints of our own, in place of those of the library */
+/* Report an error of this file instead of one of the library */
 static void complain(const char *text)
 {
    snprintf(reason.text, sizeof reason.text, "%s", text);
    reason.heard = 1;
 }
 
-/* Whether the numbers of a dataset can be read as real ones, or as integers: whole numbers are real
- * ones, the reverse would lose digits */
+/* Whether the numbers of a dataset can be read as reals, or as integers: integers may be read as
+ * reals, the reverse would lose digits */
 static int fits(hid_t set, int real)
 {
    hid_t type = H5Dget_type(set);
@@ -222,8 +222,8 @@ static int fits(hid_t set, int real)
    return 0;
 }
 
-/* Whether a dataset holds as much as its shape claims. Deflate shrinks by a factor of 1032 at the
- * most; a damaged header may claim more than any memory holds. */
+/* Whether a dataset stores as much as its shape requires. Deflate shrinks by a factor of 1032 at
+ * most; a damaged header may declare more than fits into memory. */
 static int is_backed(hid_t set, hid_t space)
 {
    hid_t type = H5Dget_type(set);
@@ -237,7 +237,7 @@ static int is_backed(hid_t set, hid_t space)
    return 0;
 }
 
-/* All numbers of a dataset, converted to the kind of an array that is allocated here with its shape */
+/* All numbers of a dataset, converted to the kind of an array allocated here with its shape */
 const char *rkh5_read(int64_t file, const char *path, CFI_cdesc_t *values)
 {
    hsize_t shape[H5S_MAX_RANK];
@@ -269,8 +269,8 @@ const char *rkh5_read(int64_t file, const char *path, CFI_cdesc_t *values)
    return finish(failed);
 }
 
-/* An attribute of a group or dataset. Bytes become a text of fixed length and ASCII kind, the
- * only one that all VTK readers take; one number becomes a scalar, several become a list. */
+/* Set an attribute of a group or dataset. Bytes become a text of fixed length and ASCII kind, the
+ * only one that all VTK readers accept; one number becomes a scalar, several become a list. */
 const char *rkh5_put_attribute(int64_t file, const char *object, const char *name,
    const CFI_cdesc_t *values)
 {

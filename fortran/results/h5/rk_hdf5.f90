@@ -2,8 +2,8 @@
 !>
 !> A Fortran array a(3,n) is a dataset of shape (n,3) for h5py and VTK: same memory, no
 !> transposition. A file is written under the name `path.part` and takes its real name when it is
-!> published, so an interrupted run leaves an earlier file as it was. Text datasets are bytes. What
-!> reads or appends does nothing after an error: one look at it is enough for a run of such calls.
+!> published, so an interrupted run leaves an earlier file unchanged. Text datasets are bytes. After
+!> an error, reading and appending do nothing: a series of such calls needs only one check.
 !>
 !> Reference: The HDF Group, HDF5 Reference Manual, https://docs.hdfgroup.org (API 1.10),
 !> called through h5.c
@@ -24,7 +24,7 @@ module rk_hdf5
       private
       !> Handle of the HDF5 library, negative when closed
       integer(c_int64_t) :: handle = -1_c_int64_t
-      !> Name for messages; of a file being written, the name it takes at the end
+      !> Name for messages; for a file being written, its final name
       character(len=:), allocatable :: path
       !> Whether the file is being written
       logical :: writing = .false.
@@ -37,8 +37,8 @@ module rk_hdf5
       procedure, private :: read_reals, read_integers, read_text
    end type h5_type
 
-   !> h5.c: a pointer that a function returns is null, or the reason of its failure as a C string;
-   !> names and paths are C strings
+   !> h5.c: each function returns a null pointer, or the reason of its failure as a C string; names
+   !> and paths are C strings
    interface
       !> Open a file for reading (writing = 0) or create it (writing = 1)
       type(c_ptr) function rkh5_open(path, writing, file) bind(c)
@@ -48,7 +48,7 @@ module rk_hdf5
          integer(c_int64_t), intent(out) :: file
       end function rkh5_open
 
-      !> Hand everything written so far to the operating system
+      !> Pass everything written so far to the operating system
       type(c_ptr) function rkh5_flush(file) bind(c)
          import :: c_int64_t, c_ptr
          integer(c_int64_t), value :: file
@@ -66,7 +66,7 @@ module rk_hdf5
          character(kind=c_char), intent(in) :: path(*)
       end function rkh5_exists
 
-      !> Append numbers along the last dimension; their descriptor says of which kind and shape
+      !> Append numbers along the last dimension; their kind and shape are in the descriptor
       type(c_ptr) function rkh5_append(file, path, values) bind(c)
          import :: c_char, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
@@ -74,7 +74,7 @@ module rk_hdf5
          type(*), intent(in) :: values(..)
       end function rkh5_append
 
-      !> All numbers of a dataset, in an array that is allocated there, if the dataset has its rank
+      !> All numbers of a dataset, in an array that is allocated there, if the dataset has this rank
       type(c_ptr) function read_c_reals(file, path, values) bind(c, name='rkh5_read')
          import :: c_char, c_double, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
@@ -82,7 +82,7 @@ module rk_hdf5
          real(c_double), allocatable, intent(inout) :: values(..)
       end function read_c_reals
 
-      !> The same of integers
+      !> The same for integers
       type(c_ptr) function read_c_integers(file, path, values) bind(c, name='rkh5_read')
          import :: c_char, c_int, c_int64_t, c_ptr
          integer(c_int64_t), value :: file
@@ -101,10 +101,10 @@ module rk_hdf5
 
 contains
 
-!> Start a new file; nothing stands at `path` itself until it is published
+!> Start a new file; no file appears at `path` itself until it is published
 subroutine create(self, path, error)
    class(h5_type), intent(inout) :: self
-   !> Name the file takes when it is published
+   !> Name of the file when it is published
    character(len=*), intent(in) :: path
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
@@ -138,7 +138,7 @@ subroutine open_read(self, path, error)
       to_fortran(why))
 end subroutine open_read
 
-!> Hand everything written so far to the operating system; a full disk shows here
+!> Pass everything written so far to the operating system; a full disk is detected here
 subroutine flush_file(self, error)
    class(h5_type), intent(inout) :: self
    type(error_type), allocatable, intent(inout) :: error
@@ -148,7 +148,7 @@ end subroutine flush_file
 
 !> Close; a new file keeps its temporary name
 subroutine close_file(self, error)
-   !> Open file; nothing happens to a closed one
+   !> Open file; a closed one is left as it is
    class(h5_type), intent(inout) :: self
    type(error_type), allocatable, intent(out) :: error
    type(c_ptr) :: why
@@ -159,7 +159,7 @@ subroutine close_file(self, error)
    if (self%writing) call check(self, "", why, error)
 end subroutine close_file
 
-!> Give a closed file that was written its real name
+!> Rename a closed file that was written to its real name
 subroutine publish(self, error)
    class(h5_type), intent(in) :: self
    type(error_type), allocatable, intent(out) :: error
@@ -181,8 +181,8 @@ subroutine append(self, name, values, error)
    class(h5_type), intent(inout) :: self
    !> Path in the file
    character(len=*), intent(in) :: name
-   !> Numbers: real, integers of 4 or 8 bytes, or bytes; all dimensions but the last one are the
-   !> same in every call
+   !> Numbers: real, integers of 4 or 8 bytes, or bytes; all dimensions except the last are the same
+   !> in every call
    type(*), intent(in), contiguous :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
@@ -202,7 +202,7 @@ end function as_bytes
 subroutine read_reals(self, name, values, error)
    class(h5_type), intent(in) :: self
    character(len=*), intent(in) :: name
-   !> Numbers, of the rank that the dataset has
+   !> Numbers, of the same rank as the dataset
    real(wp), allocatable, intent(out) :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
@@ -242,7 +242,7 @@ subroutine put_attribute(self, object, name, values, error)
    !> Group or dataset
    character(len=*), intent(in) :: object
    character(len=*), intent(in) :: name
-   !> Whole numbers, one of which is stored as a scalar, or bytes, shape (n)
+   !> Integers, of which a single one is stored as a scalar, or bytes, shape (n)
    type(*), intent(in), contiguous :: values(..)
    type(error_type), allocatable, intent(inout) :: error
 
@@ -250,7 +250,7 @@ subroutine put_attribute(self, object, name, values, error)
       object//c_null_char, name//c_null_char, values), error)
 end subroutine put_attribute
 
-!> Turn the answer of C into an error
+!> Convert the return value of C to an error
 subroutine check(self, name, why, error)
    class(h5_type), intent(in) :: self
    !> Path in the file or name of the attribute; empty for the whole file
@@ -273,7 +273,7 @@ end subroutine check
 
 !> Name of a file while it is being written
 pure function part_of(path) result(part)
-   !> Name it takes at the end
+   !> Its final name
    character(len=*), intent(in) :: path
    character(len=len(path) + 5) :: part
 

@@ -1,8 +1,8 @@
-!> Reads `model.h5`, the cloud that Python's `build` makes of an image.
+!> Reads `model.h5`, the cloud that `build` of Python makes from an image.
 !>
 !> Datasets have the names of the cloud's components; pydriver/myork/model_file.py writes them.
-!> Indices count from 0 in the file and from 1 here, but for those of voxels, whose grid has no
-!> first one.
+!> Indices count from 0 in the file and from 1 here, except those of voxels, whose grid has no fixed
+!> origin.
 module rk_model_file
    use rk_cloud, only : cloud_type, take_arrays, voxels_type
    use rk_deck, only : deck_type
@@ -15,16 +15,16 @@ module rk_model_file
 
    public :: read_model_cloud
 
-   !> Mark of the files this module reads
+   !> Format mark of the files this module reads
    character(len=*), parameter :: format = "myork-model 4"
 
 contains
 
-!> Read the model file of a deck; nothing happens for decks with a geometry of their own
+!> Read the model file of a deck; nothing is done if the deck itself gives the geometry
 subroutine read_model_cloud(cloud, deck, out, error)
    type(cloud_type), intent(out) :: cloud
    type(deck_type), intent(in) :: deck
-   !> Output folder, looked into first
+   !> Output folder, searched first
    character(len=*), intent(in) :: out
    type(error_type), allocatable, intent(out) :: error
    character(len=:), allocatable :: kind, file, path, beside

@@ -1,10 +1,10 @@
-!> The result file: a time series of point fields, and what is needed to start again.
+!> The result file: a time series of point fields, and the data needed for a restart.
 !>
 !> /VTKHDF is an unstructured grid of one vertex cell per point, which ParaView (5.12 and later)
 !> and PyVista show as a cloud. Geometry, label and fiber are stored once, every step appends its
-!> fields; the offsets in /VTKHDF/Steps are the places. The time of a step is its load.
-!> /MyoRK is ours: triangles of the surface and places of the points in a lattice, where there are
-!> any; source points and, for every step, load, activation and coefficients; the deck with its
+!> fields, at the offsets in /VTKHDF/Steps. The time of a step is its load. /MyoRK is the project's
+!> own group: triangles of the surface and positions of the points in a lattice, if there are any;
+!> source points and, for every step, load, activation and coefficients; the deck with its
 !> overrides, the approximation, and the version of the program.
 !>
 !> Reference: VTKHDF file format, version 2.0,
@@ -30,13 +30,13 @@ module rk_results
 
    !> A result file being written
    type, extends(h5_type) :: results_type
-      !> Steps written so far
+      !> Number of steps written so far
       integer, private :: nstep = 0
    contains
       procedure :: open => open_results, add_step
    end type results_type
 
-   !> Content of a result file that a run may start from
+   !> Content of a result file from which a run may start
    type :: restart_type
       !> Approximation to which the coefficients belong
       character(len=:), allocatable :: approximation
@@ -53,13 +53,13 @@ contains
 !> Start the file with everything that does not change
 subroutine open_results(self, path, cloud, deck, approximation, version, error)
    class(results_type), intent(inout) :: self
-   !> Name of the file once it is complete
+   !> Final name of the file
    character(len=*), intent(in) :: path
    !> Undeformed points with their labels and fibers
    type(cloud_type), intent(in) :: cloud
    !> The deck as it was read, with its overrides
    type(deck_type), intent(in) :: deck
-   !> The shape functions in words, to which the coefficients belong
+   !> Description of the shape functions to which the coefficients belong
    character(len=*), intent(in) :: approximation
    character(len=*), intent(in) :: version
    type(error_type), allocatable, intent(out) :: error
@@ -88,7 +88,7 @@ subroutine open_results(self, path, cloud, deck, approximation, version, error)
    triangle = surface_triangles(place)
    if (size(place) > 0) call self%append(own//"/lattice", place, error)
    if (size(triangle) > 0) call self%append(own//"/surface", triangle - 1, error)
-   ! no text is empty in the file
+   ! texts in the file must not be empty
    call self%append(own//"/overrides", as_bytes(deck%overrides//new_line('a')), error)
    call self%append(own//"/approximation", as_bytes(approximation), error)
 end subroutine open_results
@@ -110,7 +110,7 @@ subroutine add_step(self, load, activation, fields, coefficients, error)
    real(wp), intent(in) :: load
    !> Activation of the muscle fibers [-]
    real(wp), intent(in) :: activation
-   !> Fields at the points, the same in every step
+   !> Fields at the points, the same fields in every step
    type(point_field), intent(in), target :: fields(:)
    !> Coefficients of the approximation, shape (ndof)
    real(wp), intent(in), contiguous :: coefficients(:)
@@ -125,7 +125,7 @@ subroutine add_step(self, load, activation, fields, coefficients, error)
    do k = 1, size(fields)
       associate (field => fields(k))
          if (size(field%value, 1) == 1) then
-            ! one number a point has no axis of its own in the file
+            ! a field with one component has no axis for it in the file
             flat(1:size(field%value)) => fields(k)%value
             call self%append(vtk//"/PointData/"//field%name, flat, error)
          else
@@ -136,7 +136,7 @@ subroutine add_step(self, load, activation, fields, coefficients, error)
    call self%append(own//"/load", [load], error)
    call self%append(own//"/activation", [activation], error)
    call self%append(own//"/coefficients", reshape(coefficients, [size(coefficients), 1]), error)
-   ! the row of the step: where readers find what belongs to it
+   ! the row of the step: readers look up its offsets here
    call self%append(steps//"Values", [load], error)
    call self%append(steps//"NumberOfParts", [1_i8], error)
    do k = 1, size(fixed)
@@ -148,18 +148,18 @@ subroutine add_step(self, load, activation, fields, coefficients, error)
    end do
    if (allocated(error)) return
 
-   ! The number of steps comes last: a reader never sees half a step
+   ! The number of steps comes last: a reader never sees an incomplete step
    self%nstep = self%nstep + 1
    call self%put_attribute(vtk//"/Steps", "NSteps", [self%nstep], error)
    call self%flush(error)
 end subroutine add_step
 
-!> Read all of it; states that were not written as a whole are left out
+!> Read the whole file; incomplete states are left out
 subroutine read_restart(self, path, error)
    type(restart_type), intent(out) :: self
-   !> Result file, whole or unfinished
+   !> Result file, complete or not
    character(len=*), intent(in) :: path
-   !> Error handling: no such file, damaged, of an earlier version
+   !> Error handling: missing file, damaged file, file of an earlier version
    type(error_type), allocatable, intent(out) :: error
    type(error_type), allocatable :: trouble
    type(h5_type) :: file
