@@ -200,7 +200,7 @@ pure logical function is_loaded(self, load)
       & .or. any([(self%condition(k)%acts(self%factors(load)), k=1, size(self%condition))])
 end function is_loaded
 
-!> Whether a muscle or a condition acts differently at two loads
+!> Whether a muscle, a condition or a body force acts differently at two loads
 pure logical function changes(self, from, to)
    class(scene_type), intent(in) :: self
    !> Loads [-]
