@@ -633,7 +633,7 @@ end subroutine set_bar
 !> by chance, and in 3D, they are at least those on fewer points over the squared ratio of cells
 subroutine bars_by_earlier(self, solid, earlier, growth)
    type(bars_type), intent(inout) :: self
-   !> A body in space
+   !> Whether the body is 3D
    logical, intent(in) :: solid
    !> Bars of the answer on fewer points, at the same loads
    type(bars_type), intent(in) :: earlier

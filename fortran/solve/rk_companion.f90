@@ -80,7 +80,7 @@ module rk_companion
    type :: companion_type
       !> Why there is none; not allocated where there is one
       character(len=:), allocatable :: why_not
-      !> A second solution was attempted, but failed
+      !> A second solution was due, but failed
       logical :: missed = .false.
       !> Its form
       character(len=:), allocatable :: method
@@ -248,7 +248,7 @@ subroutine choose_companion(self, scene, deck, words)
    integer, allocatable :: source(:), other(:)
    integer :: steps
 
-   ! all planned states of a programme are compared, of a ramp the last one
+   ! all planned states of a programme are compared, but only the last one of a ramp
    steps = 1
    if (scene%programme%count() > 1) steps = scene%load%steps
    words = 'load.steps='//to_text(steps)//nl//'load.max_halvings='//to_text(halvings)//nl
@@ -263,7 +263,7 @@ subroutine choose_companion(self, scene, deck, words)
       self%method = 'rkpm-scni'
       if (allocated(scene%cloud%lattice)) self%method = 'rkpm-gauss'
       words = words//'scene.method='//self%method//nl
-      ! on few cells the weak form has the same error as the answer, also in sign
+      ! on few cells the error of the weak form has the size and sign of that of the answer
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
          if (any(scene%cloud%lattice <= least_cells)) then
             self%lattice = list(2*scene%cloud%lattice - 1)//' points'

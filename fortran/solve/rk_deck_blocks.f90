@@ -1,6 +1,6 @@
 !> Blocks of voxels whose corners are the source points of a model.
 !>
-!> Their number follows from the deck, or from its distance of source points. Where neither is given
+!> Their number is given in the deck, or by its distance of source points. Where neither is given
 !> that distance is two voxels, and single voxels are used instead in directions in which a tissue
 !> or the body has too few blocks across, as long as the blocks do not become too many. Layers of
 !> tissues shear along each other from the constrained ends on: where there are several, single

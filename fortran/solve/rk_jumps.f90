@@ -15,7 +15,7 @@ module rk_jumps
    !> Smallest relevant jump, relative to the larger coefficient [-]
    real(wp), parameter :: least_jump = 1.0e-2_wp
    !> Lines of a cell in each direction across an axis, and places on them; the lines avoid its
-   !> middle, since bodies are often symmetric about it
+   !> middle, since bodies are symmetric about it
    integer, parameter :: lines = 2, samples = 12
    real(wp), parameter :: off_middle = 0.382_wp
    !> Bisections between two places, which find a plane to rounding; largest number of planes across

@@ -501,7 +501,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
 
-!> First coefficient of the pressure that leaves of the active stress at rest only tension along the
+!> First coefficient of the pressure with which active stress at rest is only tension along the
 !> fibers: without it the stress across them is compressive, and the tangent at the start of the
 !> first load step may not be positive definite [stress length^(nd/2)]
 real(wp) function active_pressure(self, g, at, load) result(value)
@@ -564,7 +564,7 @@ end subroutine extrapolate
 !> walls of annuli those of box windows are not, and the errors of both cancel without it; in 3D,
 !> two groups across a twisted bar left its stress off by 0.3. Pressures of different tissues have
 !> no common curvature. Fewer than four groups across a box do not determine it: the outermost fiber
-!> of a clamped beam of 17x5 points was off by 3.4 % with it, 2.2 % without; tubes gain from two on.
+!> of a clamped beam of 17x5 points was 3.4 % off, without it 2.2 %; walls of tubes gain from two.
 logical function curved(self)
    class(galerkin_problem), intent(in) :: self
 
