@@ -1,8 +1,7 @@
-!> How strongly steps are damped.
+!> Damping of steps.
 !>
 !> Gauss-Newton takes A^T A. Where it diverges, stalls or meets a kink, a multiple lambda of the
-!> diagonal is added (Levenberg, Marquardt), which grows and falls with the quality of the quadratic
-!> model.
+!> diagonal is added (Levenberg, Marquardt), which is adapted to the quality of the quadratic model.
 !>
 !> Reference: Nocedal, Wright, Numerical Optimization, Springer (2006), sections 4.1 and 10.3,
 !>            doi:10.1007/978-0-387-40065-5
@@ -26,22 +25,22 @@ module rk_damping
       procedure :: note, learn, reject, stalled
    end type damping_type
 
-   !> Progress: the least gradient falls below this share, or the least merit by the other one
+   !> Progress: the least gradient falls below this share of itself, or the least merit by the other
    real(wp), parameter :: gradient_share = 0.9_wp, merit_share = 1.0e-6_wp
-   !> Iterations without progress that make a stall
+   !> Iterations without progress that count as a stall
    integer, parameter :: patience = 6
    !> Quality of the quadratic model below which damping grows, above which it falls
    real(wp), parameter :: poor = 0.25_wp, good = 0.75_wp
-   !> Growth of the merit in an undamped step that means divergence
+   !> Growth of the merit in an undamped step that counts as divergence
    real(wp), parameter :: climb = 0.1_wp
-   !> Damping where it begins, and where it ends [-]
+   !> Damping at which it begins, and below which it ends [-]
    real(wp), parameter :: first_lambda = 1.0e-4_wp, last_lambda = 1.0e-10_wp
    !> Growth and fall of the damping
    real(wp), parameter :: growth = 10.0_wp, fall = 0.1_wp
 
 contains
 
-!> Note the progress before an iteration
+!> Record the progress before an iteration
 subroutine note(self, iterations, gradient, merit)
    class(damping_type), intent(inout) :: self
    !> Iterations done in this load step
@@ -51,7 +50,7 @@ subroutine note(self, iterations, gradient, merit)
    !> |r| now
    real(wp), intent(in) :: merit
 
-   ! the start of a load step lies off the path and is no measure
+   ! the start of a load step lies off the path and is not a measure
    if (iterations == 0) return
    self%idle = self%idle + 1
    if (gradient < gradient_share*self%least_gradient &
@@ -71,12 +70,12 @@ subroutine learn(self, scale, gain, predicted, merit, definite)
    real(wp), intent(in) :: predicted
    !> r.r/2 before
    real(wp), intent(in) :: merit
-   !> The step is Newton's with a positive definite tangent: it descends in energy, even if the
-   !> residuals grow on the way
+   !> Newton step with a positive definite tangent: it descends in energy, even if the residuals
+   !> grow on the way
    logical, intent(in) :: definite
 
    if (.not. self%lambda > 0.0_wp) then
-      ! Gauss-Newton may climb a little on its way
+      ! the merit of Gauss-Newton may grow slightly on its way
       if (scale < 1.0_wp .or. (.not. definite .and. (gain < -climb*merit &
          & .or. 2*self%idle >= patience))) self%lambda = first_lambda
    else if (scale < 1.0_wp .or. gain < poor*predicted) then

@@ -1,5 +1,5 @@
-!> What all discretisations of a scene share: shape functions at the collocation points, conditions,
-!> and the state of the material at a place. Output and forces know no more of a problem than this.
+!> Common part of all discretisations of a scene: shape functions at the collocation points,
+!> conditions, and the state of the material at a place. Output and forces use nothing else.
 module rk_discretisation
    use rk_basis, only : second_index
    use rk_coefficients, only : coefficient_at, moduli
@@ -20,16 +20,16 @@ module rk_discretisation
    public :: discretisation_type, free_discretisation, deformation, gradients, entry_displacement
    public :: at_rest, has_few_cells, judged_state, rounding, small_strain, turns_over
 
-   !> Source points across a body up to which they are few: with two cells volume exchange in groups
-   !> is part of bending, and the tangent is judged as it is
+   !> Number of source points across a body up to which they are few: with two cells volume exchange
+   !> in groups is part of bending, and the tangent is judged unchanged
    integer, parameter :: few_points = 4
-   !> Stresses below this share of a modulus are roundings [-]
+   !> Stresses below this share of a modulus are rounding errors [-]
    real(wp), parameter :: rounding = 1.0e4_wp*epsilon(1.0_wp)
-   !> Strains below this share of what moves and turns the body are left by iterations [-]
+   !> Strains below this share of the body's translation and rotation are errors of iterations [-]
    real(wp), parameter :: of_motion = 1.0e-6_wp
-   !> Strains above this never are [-]
+   !> Strains above this never count as such errors [-]
    real(wp), parameter :: most_slack = 1.0e-5_wp
-   !> Loads whose displacements fall below this share of the largest were taken off again [-]
+   !> Loads whose displacements fall below this share of the largest have been removed again [-]
    real(wp), parameter :: taken_off = 0.5_wp
 
    !> A discretised scene
@@ -40,12 +40,12 @@ module rk_discretisation
       type(shape_type), pointer :: shape => null()
       !> Conditions at boundary points
       type(boundary_type) :: boundary
-      !> Materials of the collocation points and of further places behind them
+      !> Materials of the collocation points, followed by those of further places
       type(mixture_type) :: mixture
       !> Unknowns are the amplitudes of modes
       logical :: reduced = .false.
-      !> The work of the stress says whether a state is in equilibrium; weak forms keep it equal to
-      !> that of the forces by construction, which is nothing to compare
+      !> The work of the stress shows whether a state is in equilibrium; in weak forms it equals
+      !> that of the forces by construction, so that a comparison is useless
       logical :: compares_works = .false.
    contains
       procedure :: field, state, at_place
@@ -68,15 +68,15 @@ module rk_discretisation
          !> Boundary set
          integer, intent(in) :: set
          type(field_state), intent(in) :: state
-         !> Part of the way to the next fixed set in which the stress is looked at, where sections
-         !> give the force [-]
+         !> Part of the distance to the next fixed set in which the stress is evaluated, where
+         !> sections give the force [-]
          real(wp), intent(in) :: share
-         !> Point about which the moment is wanted, of the forces where the set has moved to;
-         !> nonlinear forms know it [length]
+         !> Point about which the moment is wanted, of the forces in the deformed position;
+         !> available in nonlinear forms [length]
          real(wp), intent(in), optional :: about(3)
          real(wp) :: force(3)
       end function force_interface
-      !> Force through a plane section: that of the part behind the normal on the part before it
+      !> Force through a plane section: that of the part behind the plane on the part before it
       function section_interface(self, place, normal, state) result(force)
          import :: discretisation_type, field_state, wp
          class(discretisation_type), intent(in) :: self
@@ -91,7 +91,7 @@ module rk_discretisation
 
 contains
 
-!> Give back the shape functions, which belong to the problem that made them
+!> Free the shape functions, which belong to the problem that created them
 subroutine free_discretisation(self)
    class(discretisation_type), intent(inout) :: self
 
@@ -113,21 +113,21 @@ subroutine field(self, ip, x, last, u)
    call self%shape%interpolate(ip, x, 1, last, u)
 end subroutine field
 
-!> Whether the pressure is a field of its own, which replaces the volumetric part of the stress
+!> Whether the pressure is a separate field, which replaces the volumetric part of the stress
 pure logical function has_pressure(self)
    class(discretisation_type), intent(in) :: self
 
    has_pressure = self%fields > self%scene%cloud%nd
 end function has_pressure
 
-!> State of the body; a form that needs more than unknowns and load to answer adds it
+!> State of the body; a form that needs more than unknowns and load adds its own data
 subroutine state(self, x, load, at, tissue)
    class(discretisation_type), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
    !> Load [-]
    real(wp), intent(in) :: load
    type(field_state), intent(out) :: at
-   !> Tissue whose stress alone is wanted, for its part in a force; weak forms know it
+   !> Tissue whose stress alone is wanted, for its part in a force; available in weak forms
    integer, intent(in), optional :: tissue
 
    at%x = x
@@ -136,7 +136,7 @@ subroutine state(self, x, load, at, tissue)
    if (present(tissue)) at%tissue = tissue
 end subroutine state
 
-!> Displacement of the middle of a boundary set: the mean of that of its points, by area
+!> Mean displacement of a boundary set: that of its points, weighted by area
 function entry_displacement(self, set, state) result(value)
    class(discretisation_type), intent(in) :: self
    !> Boundary set
@@ -159,8 +159,8 @@ function entry_displacement(self, set, state) result(value)
    value = value/total
 end function entry_displacement
 
-!> Energy of the deformation at the activation of the state: what elastic work has stored, and of
-!> active fibers what they could still do [force length]
+!> Strain energy at the activation of the state: stored elastic work, and the work that active
+!> fibers can still do [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -193,7 +193,7 @@ subroutine at_point(self, state, ip, local)
    call self%at_place(state, ip, self%scene%cloud%points(:, ip), u, local)
 end subroutine at_point
 
-!> Store the material states at the collocation points, for several questions about a state
+!> Store the material states at the collocation points, for several evaluations of a state
 subroutine keep_places(self, state)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(inout) :: state
@@ -213,7 +213,7 @@ end subroutine keep_places
 subroutine at_place(self, state, ip, x, u, local)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state
-   !> Collocation point whose material and fiber hold there
+   !> Collocation point whose material and fiber apply there
    integer, intent(in) :: ip
    !> Undeformed place, shape (nd) [length]
    real(wp), intent(in) :: x(:)
@@ -236,7 +236,7 @@ subroutine at_place(self, state, ip, x, u, local)
    local%cauchy = matmul(local%p, transpose(local%f))/local%j
 end subroutine at_place
 
-!> Small strain stress at a place; of a scalar problem the value alone
+!> Small strain stress at a place; for a scalar problem only the value
 subroutine linear_place(self, ip, x, u, local, pressure)
    class(discretisation_type), intent(in) :: self
    !> Collocation point nearest to the place
@@ -246,19 +246,19 @@ subroutine linear_place(self, ip, x, u, local, pressure)
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
-   !> Stress in the place of that by lambda [stress]
+   !> Stress that replaces the one by lambda [stress]
    real(wp), intent(in), optional :: pressure
    type(error_type), allocatable :: error
    real(wp) :: pair(2)
 
-   ! what is interpolated is not known between collocation points
+   ! interpolated coefficients are not known between collocation points
    pair = self%mixture%pair(:, ip)
    if (.not. self%scene%equation%smoothing > 0.0_wp) &
       & call coefficient_at(self%scene%equation, x, pair, error)
    call small_strain(self%scene%equation, pair, x, u, local, pressure)
 end subroutine linear_place
 
-!> Small strain stress of the derivatives at a place; of a scalar problem the value alone
+!> Small strain stress from the derivatives at a place; for a scalar problem only the value
 pure subroutine small_strain(equation, pair, x, u, local, pressure)
    type(equation_type), intent(in) :: equation
    !> Lambda and mu there [stress]
@@ -268,7 +268,7 @@ pure subroutine small_strain(equation, pair, x, u, local, pressure)
    !> Fields with derivatives, shape (fields, nq)
    real(wp), intent(in) :: u(:, :)
    type(point_state), intent(out) :: local
-   !> Stress in the place of that by lambda [stress]
+   !> Stress that replaces the one by lambda [stress]
    real(wp), intent(in), optional :: pressure
    real(wp) :: modulus(3, 3, 3, 3), lambda
    integer :: a, d, k, nd
@@ -303,16 +303,16 @@ pure subroutine small_strain(equation, pair, x, u, local, pressure)
    local%cauchy = local%p
 end subroutine small_strain
 
-!> Set what varies over the points and has no place in a deck, at full load of the ramp
+!> Set loads that vary over the points and cannot be given in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)
    class(discretisation_type), intent(inout) :: self
    !> Body force per undeformed volume, shape (3, n) [force/length^3]
    real(wp), intent(in) :: body_force(:, :)
-   !> Displacement of the essential components, shape (3, n) [length]
+   !> Displacement of the prescribed components, shape (3, n) [length]
    real(wp), intent(in) :: displacement(:, :)
    !> Stress P(i, A) whose traction the other components carry, shape (3, 3, n) [stress]
    real(wp), intent(in) :: stress(:, :, :)
-   !> Only give the points where values are wanted: the collocation points, shape (nd, n) [length]
+   !> Only return the points where values are wanted: the collocation points, shape (nd, n) [length]
    real(wp), allocatable, intent(out), optional :: place(:, :)
    integer :: b, i, nd
 
@@ -335,18 +335,17 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    end associate
 end subroutine set_point_loads
 
-!> Whether a step turns material by a right angle or more somewhere, beyond which another solution
-!> than the one on the way may be met: a block that is stretched to six times its length can end
-!> with its sides exchanged, in equilibrium and with J > 0. Then x.(F F_0^-1)x is not positive for
-!> some x in more than a few places, with F_0 and F before and after; at singular corners F is
-!> anything.
+!> Whether a step rotates material by a right angle or more somewhere, beyond which the iteration
+!> may reach a different solution: a block that is stretched to six times its length can end with
+!> its sides exchanged, in equilibrium and with J > 0. Then x.(F F_0^-1)x is not positive for some x
+!> in more than a few places, with F_0 and F before and after; at singular corners F is arbitrary.
 function turns_over(problem, before, after) result(found)
-   !> Problem; only whole bodies are looked at
+   !> Problem; only full discretisations are checked
    class(problem_type), intent(in) :: problem
    !> Unknowns, shape (n) each
    real(wp), contiguous, intent(in) :: before(:), after(:)
    logical :: found
-   ! share of the places at which a step may turn material [-]
+   ! share of the places at which a step may rotate material so far [-]
    real(wp), parameter :: few_places = 0.05_wp
    real(wp) :: f(3, 3), f0(3, 3), h(3, 3, 3), turn(3, 3)
    real(wp), allocatable :: u(:, :)
@@ -364,7 +363,7 @@ function turns_over(problem, before, after) result(found)
          call deformation(nd, u, f0, h)
          call problem%field(ip, after, 1 + nd, u)
          call deformation(nd, u, f, h)
-         ! J_0 F F_0^-1, whose factor is positive
+         ! J_0 F F_0^-1, with J_0 > 0
          turn = matmul(f, transpose(cofactor(f0)))
          turn = 0.5_wp*(turn + transpose(turn))
          if (.not. (turn(1, 1) > 0.0_wp .and. determinant(turn) > 0.0_wp &
@@ -375,7 +374,7 @@ function turns_over(problem, before, after) result(found)
 end function turns_over
 
 !> The state of a run by which its answer is judged: the last one, whatever the way there, or where
-!> the loads were taken off again the one with the largest displacements
+!> the loads were removed again the one with the largest displacements
 integer function judged_state(problem, x) result(judged)
    class(problem_type), intent(in) :: problem
    !> Unknowns of the states, shape (n, states)
@@ -396,9 +395,9 @@ pure logical function has_few_cells(scene)
    if (allocated(scene%cloud%lattice)) has_few_cells = minval(scene%cloud%lattice) <= few_points
 end function has_few_cells
 
-!> Whether unknowns are those of a body at rest, which nothing moves at a load
+!> Whether unknowns are those of a body at rest that no load or stress sets in motion at a load
 logical function at_rest(problem, x, load)
-   !> Problem; only whole bodies are looked at
+   !> Problem; only full discretisations are checked
    class(problem_type), intent(in) :: problem
    !> Unknowns, shape (n)
    real(wp), contiguous, intent(in) :: x(:)
@@ -412,7 +411,7 @@ logical function at_rest(problem, x, load)
    select type (problem)
    class is (discretisation_type)
       if (problem%reduced .or. problem%scene%is_loaded(load)) return
-      ! fibers of lambda_o < 1 pull without activation
+      ! fibers of lambda_o < 1 are in tension without activation
       call problem%state(x, load, state)
       call problem%largest_stress(state, stress, stiffness)
       at_rest = stress <= rounding*stiffness
@@ -420,7 +419,7 @@ logical function at_rest(problem, x, load)
 end function at_rest
 
 !> Largest stress of a state at the collocation points, and the stiffness of which it may be a
-!> rounding
+!> rounding error
 subroutine largest_stress(self, state, stress, stiffness)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -445,8 +444,8 @@ subroutine largest_stress(self, state, stress, stiffness)
    end do
 end subroutine largest_stress
 
-!> Whether strains and stresses of a state are roundings: of a body at rest, or carried and turned
-!> as a whole
+!> Whether strains and stresses of a state are rounding errors: of a body at rest, or in rigid
+!> motion
 logical function unstrained(self, state)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -478,7 +477,7 @@ logical function unstrained(self, state)
    end associate
 end function unstrained
 
-!> Deformation gradient (5.28), (5.29) and its derivatives from the displacement's derivatives
+!> Deformation gradient (5.28), (5.29) and its derivatives from those of the displacement
 pure subroutine deformation(nd, u, f, h)
    integer, intent(in) :: nd
    !> Fields with derivatives, the displacement first, shape (>= nd, nq)

@@ -12,19 +12,19 @@ module rk_line_search
 
    public :: search
 
-   !> Step halvings
+   !> Largest number of step halvings
    integer, parameter :: max_cuts = 8
-   !> A residual that grows by more than this factor after the first iteration means divergence
+   !> Growth of the residual after the first iteration that counts as divergence
    real(wp), parameter :: growth = 4.0_wp
-   !> Share of the slope's promise that a downhill step must keep
+   !> Share of the fall predicted by the slope that a downhill step must achieve
    real(wp), parameter :: armijo = 1.0e-4_wp
-   !> Rounding of the merit, of the merit
+   !> Rounding error of the merit, relative to it
    real(wp), parameter :: rounding = 1.0e-12_wp
 
 contains
 
 !> Halve a step until it is acceptable. Prescribed displacements jump in the first iteration of a
-!> load step, where a growing merit is no sign of divergence: that step is taken blindly.
+!> load step, where a growing merit does not indicate divergence: that step is accepted unchecked.
 subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, ahead, trial, new, &
    & scale, gain, state)
    !> Problem, linearised at the trial afterwards unless it is square
@@ -37,13 +37,13 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, ahea
    real(wp), contiguous, intent(in) :: r(:)
    !> Derivative of r.r/2 along the step
    real(wp), intent(in) :: slope
-   !> |r| relative to which it grows, at least that of r
+   !> |r| to which its growth is compared, at least that of r
    real(wp), intent(in) :: highest
-   !> Any valid state will do
+   !> Accept any valid state
    logical, intent(in) :: blind
-   !> The merit must fall; otherwise it may grow a little, as Gauss-Newton's may on its way
+   !> The merit must fall; otherwise it may grow slightly, as in Gauss-Newton
    logical, intent(in) :: downhill
-   !> Linearise a square problem at the end of the whole step
+   !> Linearise a square problem at the end of the full step
    logical, intent(in) :: ahead
    !> Unknowns reached, shape (n)
    real(wp), contiguous, intent(inout) :: trial(:)
@@ -53,7 +53,7 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, ahea
    real(wp), intent(out) :: scale
    !> Fall of r.r/2
    real(wp), intent(out) :: gain
-   !> What was seen at the trial
+   !> Evaluation at the trial
    type(evaluation_type), intent(out) :: state
    real(wp) :: merit
    integer :: cut
@@ -65,7 +65,7 @@ subroutine search(problem, load, a, da, r, slope, highest, blind, downhill, ahea
       trial = a + scale*da
       call problem%evaluate(trial, load, new, state, tangent=.not. problem%square &
          & .or. (ahead .and. cut == 0))
-      ! as a product of differences, which keeps its digits where the merit hardly changes
+      ! as a product of differences, which stays accurate where the merit hardly changes
       gain = 0.5_wp*sum((r - new)*(r + new))
       if (blind) then
          accepted = .true.

@@ -1,9 +1,8 @@
 !> Linear dynamics (6.33)-(6.35) by central differences, thesis (6.36)-(6.43).
 !>
 !> The states of two times give that of the next by equations L a(n+1) = B (2 a(n) - a(n-1))
-!> - dt^2 K a(n) + loads, of which a form has more than unknowns or as many; what is common to the
-!> forms stands here: the march through time, the states that are written, and the end of what is
-!> not stable.
+!> - dt^2 K a(n) + loads, at least as many as unknowns. This module has the parts common to all
+!> forms: the time integration, the states that are written, and the detection of instability.
 module rk_motion
    use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use rk_clock, only : tick, timer_type
@@ -29,27 +28,27 @@ module rk_motion
       procedure(advance_interface), deferred :: advance
    end type moving_type
 
-   !> That of a form, M a'' + K a = f with what is held at the new time:
-   !> L a(n+1) = M (2 a(n) - a(n-1)) - dt^2 (K a(n) - f(n)) + h(n+1), L being M and what holds
+   !> Moving body of a form, M a'' + K a = f with prescribed values at the new time:
+   !> L a(n+1) = M (2 a(n) - a(n-1)) - dt^2 (K a(n) - f(n)) + h(n+1), L being M and their penalty
    type, abstract, extends(moving_type) :: form_motion
       !> Equations of a time step
       integer :: m = 0
-      !> What moves it
+      !> Settings of the motion
       type(motion_type) :: motion
       !> Whether loads or prescribed values change with time
       logical :: varies = .false.
       !> Whether the equations have symmetric matrices, as many as unknowns
       logical :: symmetric = .false.
-      !> Loads f at the later one of the last two times, and what is held then, h, shape (m)
+      !> Loads f at the later of the last two times, and terms h of prescribed values, shape (m)
       real(wp), allocatable :: force(:), held(:)
       !> Work of the loads since the start, of symmetric forms
       real(wp) :: work = 0.0_wp
    contains
       !> Product of L, M or K with coefficients
       procedure(product_interface), deferred :: product
-      !> Loads of a time, and what values held then add to a time step that ends there
+      !> Loads of a time, and terms of prescribed values then in a time step that ends there
       procedure(loads_interface), deferred :: loads
-      !> Coefficients that fulfil the equations, or come nearest to it
+      !> Coefficients that satisfy the equations, exactly or in the least squares sense
       procedure(solve_interface), deferred :: solve
       !> Largest time step that is stable, huge where it is not known
       procedure(limit_interface), deferred :: limit
@@ -62,7 +61,7 @@ module rk_motion
    abstract interface
       subroutine start_interface(self, first, second, error)
          import :: moving_type, error_type, wp
-         !> Body, whose loads are those of the second time afterwards
+         !> Body, with the loads of the second time on return
          class(moving_type), intent(inout) :: self
          !> Coefficients at both times, shape (n)
          real(wp), contiguous, intent(inout) :: first(:), second(:)
@@ -94,7 +93,7 @@ module rk_motion
          import :: form_motion, error_type, wp
          class(form_motion), intent(in) :: self
          real(wp), intent(in) :: time
-         !> Loads, and what values held then add to a time step that ends then, shape (m)
+         !> Loads, and terms of prescribed values in a time step that ends then, shape (m)
          real(wp), allocatable, intent(out) :: force(:), held(:)
          !> Error handling: an expression without a value somewhere
          type(error_type), allocatable, intent(out) :: error
@@ -116,7 +115,7 @@ module rk_motion
       end subroutine limit_interface
    end interface
 
-   !> Growth of the unknowns beyond which a motion has blown up [-]
+   !> Growth of the unknowns beyond which a motion has diverged [-]
    real(wp), parameter :: blown_up = 1.0e8_wp
 
 contains
@@ -138,7 +137,7 @@ subroutine advance(self, before, now, time, next, error)
    if (self%symmetric) self%work = self%work + 0.5_wp*dot_product(force, next - before)
 end subroutine advance
 
-!> Right hand side of the last two states
+!> Right hand side from the last two states
 subroutine carry(self, before, now, y)
    class(form_motion), intent(in) :: self
    !> Coefficients at the last two times, shape (n)
@@ -152,11 +151,11 @@ subroutine carry(self, before, now, y)
    y = y - self%motion%time_step**2*image
 end subroutine carry
 
-!> Add the loads of a time, then those known are of the time after it, and what is held there
+!> Add the loads of a time and the prescribed values of the time after it, whose loads are then set
 subroutine add_loads(self, time, y, error)
    !> Body with the loads of the time
    class(form_motion), intent(inout) :: self
-   !> The time from which the step goes
+   !> Time at the start of the step
    real(wp), intent(in) :: time
    !> Right hand side, to which the loads are added, shape (m)
    real(wp), contiguous, intent(inout) :: y(:)
@@ -168,8 +167,8 @@ subroutine add_loads(self, time, y, error)
    if (.not. allocated(error)) y = y + self%held
 end subroutine add_loads
 
-!> Kinetic energy between two times, strain energy as the scheme keeps it, and the work of the
-!> loads; no numbers where the equations have no symmetric matrices, whose energies these are
+!> Kinetic energy between two times, strain energy as the scheme conserves it, and the work of the
+!> loads; NaN where the equations have no symmetric matrices
 function energy(self, now, next)
    class(form_motion), intent(in) :: self
    !> Coefficients at two times, shape (n)
@@ -199,7 +198,7 @@ logical function loads_vary(scene)
    end do
 end function loads_vary
 
-!> Walk through time and hand over states
+!> Integrate in time and hand over states
 subroutine march(body, motion, x, recorder, timer, error)
    class(moving_type), intent(inout) :: body
    !> Time step, end and states that are written
@@ -238,7 +237,7 @@ subroutine march(body, motion, x, recorder, timer, error)
    largest = max(maxval(abs(before)), maxval(abs(now)))
    ! small strains have no volume ratio
    none = ieee_value(none, ieee_quiet_nan)
-   ! a body that loads move from rest has no size to compare with yet
+   ! a body that loads move from rest has no amplitude to compare with yet
    if (.not. largest > 0.0_wp) largest = huge(1.0_wp)/blown_up
    do k = 1, steps
       call body%advance(before, now, k*motion%time_step, next, error)

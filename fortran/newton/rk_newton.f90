@@ -1,8 +1,8 @@
 !> Iteration for one load step, with step control: Gauss-Newton (5.76) on the least squares
 !> functional (5.53)-(5.58), Newton on an energy.
 !>
-!> It stops on the gradient (5.78a) and the step (5.78b), never on the residual, which does not go
-!> to zero. A state with a volume ratio J <= 0 is never accepted.
+!> It stops on the gradient (5.78a) and the step (5.78b), never on the residual, which does not
+!> vanish. A state with a volume ratio J <= 0 is never accepted.
 !>
 !> Reference: Nocedal, Wright, Numerical Optimization, Springer (2006), chapter 10,
 !>            doi:10.1007/978-0-387-40065-5
@@ -24,50 +24,49 @@ module rk_newton
 
    public :: newton_type, solve_step
 
-   !> Iterations over which |r| of a square problem must fall to a share, from the first number of
-   !> iterations on. In 660 load steps of beams, columns, cubes, sheets and muscles those that
-   !> arrived missed it 4 times, and those that failed in the end had it after 9 iterations of 24.
+   !> Iterations over which |r| of a square problem must fall to a share, after a number of
+   !> iterations. In 660 load steps of beams, columns, cubes, sheets and muscles those that
+   !> converged missed it 4 times, and those that failed in the end had it after 9 iterations of 24.
    integer, parameter :: pace = 3, settled = 6
    real(wp), parameter :: share = 0.3_wp
-   !> Smallest volume ratio that a first iterate may have where a smaller load step is at hand, of
-   !> that at which the load step starts; the largest may grow by the inverse [-]
+   !> Smallest volume ratio of a first iterate where a smaller load step is possible, relative to
+   !> that at the start of the load step; the largest may grow by the inverse [-]
    real(wp), parameter :: squeezed = 0.2_wp
-   !> Step, and residual of the first one, with which a state on the way is near enough; so small a
-   !> step leaves a tangent as it is, also in its stability [-]
+   !> Step, and residual relative to the first, with which an intermediate state is accurate enough;
+   !> so small a step does not change a tangent or its stability [-]
    real(wp), parameter :: near = 1.0e-3_wp
-   !> Step on the way whose end a single correction may bring so near [-]
+   !> Step to an intermediate state that a single correction may make so accurate [-]
    real(wp), parameter :: near_on_way = 0.05_wp
-   !> Bulk over shear modulus of which this holds; it falls with the root of stiffer ones [-]
+   !> Bulk over shear modulus up to which this holds; beyond, it falls with the square root [-]
    real(wp), parameter :: firm = 1.0e3_wp
 
-   !> Settings and outcome of the iteration, and what load steps hand to the next
+   !> Settings and outcome of the iteration, and data passed from one load step to the next
    type :: newton_type
       !> Least squares solver, one of solver_names
       character(len=:), allocatable :: linear
       !> Tolerance of both criteria [-]
       real(wp) :: tolerance = 1.0e-6_wp
-      !> Iterations at most
+      !> Largest number of iterations
       integer :: max_iterations = 25
       !> Load of the state at which a step starts [-]
       real(wp) :: done = 0.0_wp
-      !> A smaller load step is at hand: give up where a square problem gets on slowly
+      !> A smaller load step is possible: give up where a square problem converges slowly
       logical :: impatient = .false.
-      !> The load is one by which answers are judged: the last, or one where its rate changes
+      !> Answers are judged at this load: the last one, or one where the rate of loading changes
       logical :: settles = .false.
-      !> The load is on the way to the one that is asked for: nothing but the next start is taken
-      !> from its state
+      !> The load is an intermediate one: its state is only used for the next start
       logical :: passes = .false.
-      !> A single correction may end a step on the way: the branch is not in danger
+      !> A single correction may end an intermediate step: there is no risk of leaving the branch
       logical :: hastens = .false.
-      !> Way through the last states
+      !> Path through the last states
       type(path_type) :: path
-      !> Iterations done
+      !> Number of iterations done
       integer :: iterations = 0
-      !> Relative gradient and step reached [-]: of a square problem the residual, which is the
-      !> gradient of its energy; where steps are solved to few digits the next step as predicted
+      !> Relative gradient and step reached [-]: for a square problem the residual, which is the
+      !> gradient of its energy; where steps are solved inexactly the predicted next step
       real(wp) :: gradient = 0.0_wp
       real(wp) :: step_norm = 0.0_wp
-      !> The iteration ended at a jump of the residuals, which smaller load steps do not remove
+      !> The iteration stopped at a jump of the residuals, which smaller load steps do not remove
       logical :: pinned = .false.
       !> The last step of the last load step that converged had no Cholesky factor where one was
       !> tried: its equilibrium may be unstable
@@ -90,29 +89,29 @@ module rk_newton
       real(wp) :: first_gradient = 0.0_wp
       !> The first step, over the size of the unknowns [-]
       real(wp) :: first_step = huge(1.0_wp)
-      !> Sizes of the unknowns that steps are small against
+      !> Sizes of the unknowns to which steps are compared
       real(wp) :: extent(2) = 0.0_wp
       !> |r| before the last iterations, the latest first
       real(wp) :: past(pace) = huge(1.0_wp)
-      !> What is left of the residual by the next step, where steps are solved to few digits
+      !> Remaining residual, which predicts the next step, where steps are solved inexactly
       real(wp) :: promised = huge(1.0_wp)
-      !> Fall of the merit that the last step promised, of the merit [-]
+      !> Predicted fall of the merit in the last step, relative to the merit [-]
       real(wp) :: left = huge(1.0_wp)
       !> The last step was neither shortened nor damped
       logical :: whole = .true.
-      !> The last step moved nothing beside the size of the body
+      !> The last step was negligible compared with the size of the body
       logical :: still = .false.
       !> The problem is linearised at the last state
       logical :: linearised = .true.
-      !> The state is one on the way, whose residual |r| needs to fall no farther than this
+      !> The state is an intermediate one, whose residual |r| needs to fall no farther than this
       logical :: passes = .false.
       real(wp) :: enough = 0.0_wp
-      !> Steps below which corrections find what the next step of Newton would: second orders of
-      !> volume come back as K times as large a pressure [-]
+      !> Steps below which corrections replace the next Newton step: second-order errors of volume
+      !> return as pressures K times as large [-]
       real(wp) :: reach = near
       !> Steps rejected in a row
       integer :: rejected = 0
-      !> Times that row weights were taken in this load step, and from which state, shape (n)
+      !> Number of times row weights were set in this load step, and their state, shape (n)
       integer :: weighings = 0
       real(wp), allocatable :: weighed(:)
       !> Damping of the steps
@@ -121,28 +120,28 @@ module rk_newton
 
    !> Rejected steps in a row before giving up
    integer, parameter :: max_rejected = 3
-   !> Iterations after a converged state that begin with the row weights of the state before each
+   !> Iterations after a converged state that each begin with the row weights of the last state
    integer, parameter :: max_weighings = 12
-   !> Share of a step that is taken back where steps alternate, at least: that of steps which shrink
+   !> Smallest share of a step that is taken back where steps alternate: that of steps which shrink
    !> to a fourth [-]
    real(wp), parameter :: overshot = 0.2_wp
-   !> Damping that leaves a step whole, rounding of an ill-conditioned matrix [-]
+   !> Damping up to which a step counts as undamped, rounding of an ill-conditioned matrix [-]
    real(wp), parameter :: slight = 1.0e-8_wp
-   !> Fall of the merit, of the merit, that drowns in the rounding of residuals of stiff materials
+   !> Relative fall of the merit that is lost in the rounding of residuals of stiff materials
    real(wp), parameter :: nothing = 1.0e-11_wp
-   !> Corrections of a step at most, and the size of each, of the one before, at most [-]
+   !> Most corrections of a step, and largest size of each relative to the one before [-]
    integer, parameter :: most_corrections = 3
    real(wp), parameter :: falls = 0.1_wp
-   !> Residual that a step solved to few digits may leave, in tolerances: it has the volume times K,
-   !> and is K over the shear modulus larger than that of the equations that are solved [-]
+   !> Residual that an inexactly solved step may leave, in tolerances: it has the volume times K,
+   !> and is larger by K over the shear modulus than that of the equations that are solved [-]
    real(wp), parameter :: slack = 10.0_wp
-   !> Size of a step over what the residual's promises, at most, of one solved to few digits [-]
+   !> Largest ratio of an inexactly solved step to the one predicted from the residual [-]
    real(wp), parameter :: caution = 10.0_wp
-   !> Steps below this share of the unknowns, or of the size of the body, are rounding [-]
+   !> Steps below this share of the unknowns, or of the size of the body, are rounding errors [-]
    real(wp), parameter :: rounding = 1.0e-13_wp
-   !> Steps below this share of the unknowns where all were below the tolerance: the load step began
-   !> where it ends, as where a programme stands still, and its gradient is a rounding. Also where
-   !> the gradient is below its tolerance and rounding keeps the steps from being accepted [-]
+   !> Steps below this share of the unknowns if all were below the tolerance: the load step began at
+   !> its solution, as where a programme is constant, and its gradient is a rounding error. Also if
+   !> the gradient is below its tolerance and rounding prevents steps from being accepted [-]
    real(wp), parameter :: stands = 1.0e-10_wp
 
 contains
@@ -151,7 +150,7 @@ contains
 subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    type(newton_type), intent(inout) :: self
    class(problem_type), target, intent(inout) :: problem
-   !> Number of the load step, for the record
+   !> Number of the load step, for the recorder
    integer, intent(in) :: step
    !> Load [-]
    real(wp), intent(in) :: load
@@ -164,7 +163,7 @@ subroutine solve_step(self, problem, step, load, x, recorder, timer, error)
    type(progress_type) :: now
    type(iteration_type) :: it
    real(wp), allocatable :: a(:), da(:), r(:), g(:), trial(:), new(:)
-   !> Last step of Gauss-Newton, the gradient there, and what was moved, shape (n)
+   !> Last Gauss-Newton step, the gradient there, and the step that was taken, shape (n)
    real(wp), allocatable :: last_step(:), last_g(:), taken(:)
    real(wp) :: merit, predicted, imposed
    integer(int64) :: clock
@@ -232,7 +231,7 @@ contains
       call system_clock(clock)
       if (problem%weighted) now%weighed = a
       call begin(self, problem, load, a, r, now%first_gradient)
-      ! steps that are solved to few digits, or have row weights, need the full way
+      ! steps that are solved inexactly, or have row weights, must converge fully
       now%passes = self%passes .and. problem%square .and. .not. problem%inexact
       now%enough = near*norm2(r)
       now%reach = merge(near_on_way, near, now%passes .and. self%hastens) &
@@ -240,7 +239,7 @@ contains
       timer%assemble = timer%assemble + tick(clock)
    end subroutine start
 
-   !> Where the start is far from an equilibrium a smaller load step is better than a costly solve
+   !> If the start is far from an equilibrium, a smaller load step is better than a costly solve
    subroutine set_patience()
       select type (matrix => problem%linearised)
       class is (square_operator)
@@ -250,15 +249,15 @@ contains
       end select
    end subroutine set_patience
 
-   !> Whether the state is not the one from which the row weights are: states would depend on the
-   !> way to them
+   !> Whether row weights are from another state than the present one: states would then depend on
+   !> the path to them
    logical function off_weight()
       off_weight = self%settles .and. problem%weighted .and. now%weighings < max_weighings
       if (off_weight) off_weight = any(problem%scaled_norms(a - now%weighed) &
          & >= self%tolerance*now%extent)
    end function off_weight
 
-   !> Go on from a converged state with the row weights that it makes
+   !> Continue from a converged state with the row weights of this state
    subroutine iterate_on()
       now%limit = self%iterations + self%max_iterations
       self%step_norm = huge(1.0_wp)
@@ -269,7 +268,7 @@ contains
       call weigh()
    end subroutine iterate_on
 
-   !> Take the row weights from the state
+   !> Set the row weights from the state
    subroutine weigh()
       now%weighings = now%weighings + 1
       if (allocated(last_step)) deallocate (last_step)
@@ -278,8 +277,8 @@ contains
       call linearise()
    end subroutine weigh
 
-   !> Correct a step by further ones with its factor, each of which takes a fifth of the time or
-   !> less. What is left by the last one is as if a step of Newton of that size had left it.
+   !> Correct a step by further ones with its factor, each of which takes at most a fifth of the
+   !> time. The error left by the last one is that after a Newton step of that size.
    subroutine correct()
       type(square_report) :: report
       type(evaluation_type) :: seen
@@ -292,14 +291,14 @@ contains
          size_before = self%step_norm
          matrix%again = .true.
          do k = 1, merge(1, most_corrections, now%passes)
-            ! stiff motions need a second one
+            ! stiff modes need a second one
             if (k /= 2 .and. self%step_norm < merge(near, self%tolerance, now%passes)) exit
             call matrix%solve_square(0.0_wp, -r, da, report, failure)
             if (allocated(failure)) exit
             trial = a + da
             call problem%evaluate(trial, load, new, seen)
             size_now = maxval(problem%scaled_norms(da)/now%extent)
-            ! on the way what does not end it would spoil the pressures of the next tangent
+            ! in an intermediate step an insufficient correction would corrupt the next pressures
             if (.not. (seen%valid .and. size_now <= merge(near, falls*size_before, now%passes) &
                & .and. norm2(new) < norm2(r))) exit
             a = trial
@@ -319,7 +318,7 @@ contains
       now%linearised = .true.
    end subroutine linearise
 
-   !> Gradient and residual at a
+   !> Gradient and residual at the unknowns a
    subroutine assess()
       if (problem%inexact .and. .not. now%linearised) call linearise()
       if (now%linearised) then
@@ -333,8 +332,8 @@ contains
       if (problem%inexact) call predict_step(self, now)
    end subroutine assess
 
-   !> Where residuals remain, steps of Gauss-Newton may overshoot and alternate. The secant of the
-   !> last two, in the metric of A^T A, says by what share
+   !> Where residuals remain, Gauss-Newton steps may overshoot and alternate. The secant of the last
+   !> two, in the metric of A^T A, gives the share to take back
    subroutine relax()
       real(wp) :: plain(problem%n), change(problem%n), whole, part
 
@@ -353,23 +352,23 @@ contains
       last_g = g
    end subroutine relax
 
-   !> Search along the step, take what it finds and learn from it
+   !> Search along the step, take the accepted step and adapt the damping
    subroutine take_step()
       real(wp) :: moved(2), scale, gain, highest
       logical :: ahead, blind, definite
 
       call system_clock(clock)
       now%left = predicted/max(0.5_wp*merit**2, tiny(1.0_wp))
-      ! neither the jump at the start of a load step nor rounding says anything about the step
+      ! the jump at the start of a load step and rounding errors are no measure of the step
       blind = self%iterations == 1 .or. now%left < nothing &
          & .or. (problem%extent > 0.0_wp .and. all(problem%scaled_norms(da) <= rounding))
       moved = problem%scaled_norms(da)
       ! a step along a soft mode strains stiff ones, as bending stretches a column, and the next
-      ! step corrects that: residuals need not fall from step to step
+      ! step corrects this: residuals need not fall from step to step
       definite = problem%square .and. it%solver%used == 'cholesky'
       highest = merit
       if (definite) highest = maxval(now%past, mask=now%past < huge(1.0_wp))
-      ! of a state in the midst of the iteration the tangent is wanted next
+      ! in the middle of the iteration the tangent of the state is needed next
       ahead = problem%square .and. .not. problem%inexact .and. any(moved >= max(now%reach, &
          & self%tolerance)*now%extent) .and. (self%iterations > 1 .or. self%path%states() > 0)
       call search(problem, load, a, da, r, dot_product(g, da), highest, blind, &
@@ -387,17 +386,17 @@ contains
          if (.not. blind) call now%damping%learn(scale, gain, predicted, 0.5_wp*merit**2, definite)
          self%reuses = self%iterations == 1 .and. self%path%states() == 0 .and. definite &
             & .and. .not. (problem%inexact .or. self%unstable)
-         ! see whether a whole step would move
+         ! try whether an undamped step would make progress
          if (now%left < nothing) now%damping%lambda = 0.0_wp
       else
-         ! back to where the step began, with more damping
+         ! return to the start of the step, with more damping
          now%rejected = now%rejected + 1
          call now%damping%reject()
          call problem%evaluate(a, load, r, self%state, tangent=.true.)
       end if
       if (self%iterations == 1) then
          now%extent = problem%scaled_norms(a)
-         ! a pressure may be none; then strain times the shear modulus is what it is small against
+         ! pressures may be zero; then they are compared with strain times the shear modulus
          now%extent = max(now%extent, now%extent(1), tiny(1.0_wp))
       end if
       if (scale > 0.0_wp) moved = scale*moved
@@ -420,8 +419,8 @@ contains
 
 end subroutine solve_step
 
-!> The next step of an iteration whose steps are solved to few digits, predicted from what is left
-!> of the residual: it need not be made only to see that it is small
+!> Predict the size of the next step of an iteration with inexact steps from the remaining residual:
+!> it need not be solved only to see that it is small
 subroutine predict_step(self, now)
    !> Iteration, whose state is linearised
    type(newton_type), intent(inout) :: self
@@ -431,16 +430,16 @@ subroutine predict_step(self, now)
    before = now%promised
    now%promised = self%state%size
    if (self%iterations == 0 .or. .not. now%whole) return
-   ! a step that was not made is never called rounding: the forces must balance as well
+   ! a predicted step never counts as rounding: the forces must balance too
    if (self%step_norm > rounding) self%step_norm = max(rounding, min(1.0_wp, caution*now%promised &
       & /before)*self%step_norm)
 end subroutine predict_step
 
-!> Start of a load step: the last converged state, or where the way through the last ones leads to
-!> if that has less residual. The gradient that ends the iteration is relative to that of the last
-!> converged state either way: a good start must not ask for a better end.
+!> Start of a load step: the last converged state, or the extrapolation of the path through the last
+!> ones if that has a smaller residual. In both cases the gradient that ends the iteration is
+!> relative to that of the last converged state: a good start must not tighten the tolerance.
 subroutine begin(self, problem, load, a, r, first_gradient)
-   !> Settings; the state that is seen
+   !> Settings; the evaluation of the state is set
    type(newton_type), intent(inout) :: self
    !> Problem, linearised at the start
    class(problem_type), target, intent(inout) :: problem
@@ -456,7 +455,7 @@ subroutine begin(self, problem, load, a, r, first_gradient)
    logical :: found
 
    if (.not. self%reuses) call problem%start(a, load, .false.)
-   ! the start will have another matrix
+   ! the start has another matrix
    call problem%evaluate(a, load, r, self%state, lifted=self%done, &
       & tangent=.not. (problem%square .and. (self%reuses .or. self%path%states() > 0)))
    self%least_j = self%state%min_j
@@ -468,7 +467,7 @@ subroutine begin(self, problem, load, a, r, first_gradient)
       first_gradient = norm2(g)
    end if
    if (self%path%states() == 0) return
-   ! a journal may name no load before the last one
+   ! a journal may lack the load before the last one
    if (problem%inexact .and. .not. abs(self%done - self%path%earlier) > 0.0_wp) return
    state = self%state
    call self%path%lead(problem, self%done, load, a, r, state, found)
@@ -479,7 +478,7 @@ subroutine begin(self, problem, load, a, r, first_gradient)
    end if
 end subroutine begin
 
-!> Reasons to end without convergence
+!> Reasons to stop without convergence
 subroutine check_end(self, now, problem, load, merit, recorder, error)
    type(newton_type), intent(inout) :: self
    type(progress_type), intent(in) :: now
@@ -530,21 +529,21 @@ subroutine check_end(self, now, problem, load, merit, recorder, error)
    end if
 end subroutine check_end
 
-!> Both criteria, or a step at the level of rounding, or a small step with nothing left to gain
+!> Both criteria, or a step at the level of rounding, or a small step without any predicted gain
 pure logical function converged(self, now, inexact)
    type(newton_type), intent(in) :: self
    type(progress_type), intent(in) :: now
-   !> Steps are solved to few digits: what they promise does not say that the forces balance
+   !> Steps are solved inexactly: their predicted gain does not show that the forces balance
    logical, intent(in) :: inexact
 
    converged = self%iterations > 0 .and. self%step_norm < self%tolerance
    if (converged) converged = (now%whole .and. (self%step_norm < rounding &
       & .or. self%gradient < now%balance .or. (now%left < nothing .and. .not. inexact))) &
-      ! a full Newton step may end where rounding keeps every further one from being accepted
+      ! a full Newton step may end where rounding prevents every further one from being accepted
       & .or. self%gradient < rounding
    converged = converged .or. (self%iterations > 0 .and. now%whole .and. now%still) &
       & .or. (now%first_step < self%tolerance .and. now%whole .and. self%step_norm < stands)
-   ! where rounding lets no step through, the last one is damped without an end
+   ! where rounding prevents every step, the last one is damped endlessly
    converged = converged .or. (self%iterations > 0 .and. self%step_norm < stands &
       & .and. self%gradient < now%balance)
 end function converged

@@ -33,7 +33,7 @@ subroutine find_step(problem, linear, shift, r, g, da, predicted, report, error)
    real(wp), contiguous, intent(in) :: g(:)
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: da(:)
-   !> Fall of r.r/2 that the quadratic model promises
+   !> Fall of r.r/2 predicted by the quadratic model
    real(wp), intent(out) :: predicted
    type(lstsq_report), intent(out) :: report
    !> Error handling: failed factorisation
@@ -56,10 +56,10 @@ subroutine solve_damped(op, shift, g, x, predicted, report, error)
    real(wp), contiguous, intent(in) :: g(:)
    !> Step, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
-   !> Fall of r.r/2 that the quadratic model promises
+   !> Fall of r.r/2 predicted by the quadratic model
    real(wp), intent(out) :: predicted
    type(lstsq_report), intent(out) :: report
-   !> Error handling: an unknown that no equation sees, no memory
+   !> Error handling: an unknown in no equation, no memory
    type(error_type), allocatable, intent(out) :: error
    type(envelope_type) :: factor
    real(wp) :: image(op%m), left(op%n)
@@ -90,7 +90,7 @@ subroutine solve_damped(op, shift, g, x, predicted, report, error)
    report%rcond = report%rcond/sqrt(real(op%n, wp))
 end subroutine solve_damped
 
-!> Solve A x = b as it is, or in the least squares sense where it has more equations than unknowns
+!> Solve A x = b, in the least squares sense where it has more equations than unknowns
 subroutine solve_equations(problem, linear, shift, b, x, report, error)
    !> Problem, linearised
    class(problem_type), intent(in) :: problem

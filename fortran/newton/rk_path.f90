@@ -1,8 +1,8 @@
-!> Way of the unknowns through the last converged states, and where it leads.
+!> Path of the unknowns through the last converged states, and its extrapolation.
 !>
-!> The first load step after two states begins on the secant through them. Where steps are solved to
-!> few digits three and more states at equal distances are worth a curve: what a start lacks has to
-!> be made up digit by digit.
+!> The first load step after two states begins on the secant through them. Where steps are solved
+!> inexactly, a curve through three or more states at equal distances pays off: every digit that the
+!> start lacks costs iterations.
 module rk_path
    use rk_precision, only : wp
    use rk_problem, only : evaluation_type, problem_type, stage_type
@@ -16,26 +16,26 @@ module rk_path
       !> Change of the unknowns with the load in the last step, not allocated before the second one,
       !> shape (n)
       real(wp), allocatable :: slope(:)
-      !> Its changes from step to step, where these are equal: the first, the change of that, shape
-      !> (n, steps before the last one)
+      !> Its differences from step to step, where steps are equal: the first one, the difference of
+      !> that, shape (n, steps before the last one)
       real(wp), allocatable :: bend(:, :)
-      !> Load at which the last step began, where steps are solved to few digits [-]
+      !> Load at which the last step began, where steps are solved inexactly [-]
       real(wp) :: earlier = 0.0_wp
    contains
       procedure :: forget, note, states, at, lead
    end type path_type
 
-   !> Curvatures that are kept, at most
+   !> Largest number of curvatures that are kept
    integer, parameter :: most = 2
-   !> Difference of steps that are equal, of a step [-]
+   !> Difference, relative to a step, below which steps count as equal [-]
    real(wp), parameter :: equal = 1.0e-9_wp
-   !> Residual of a start, of that of the last state, with which fewer states need not be tried:
-   !> secants of the leg come 15 to 35 times nearer [-]
+   !> Residual of a start, relative to that of the last state, below which fewer states need not be
+   !> tried: secants of the leg reduce it by factors of 15 to 35 [-]
    real(wp), parameter :: near = 0.02_wp
 
 contains
 
-!> Forget all: the way goes on at another rate, or has failed to predict
+!> Forget all: the path continues at another rate, or the prediction failed
 pure subroutine forget(self)
    class(path_type), intent(inout) :: self
 
@@ -43,14 +43,14 @@ pure subroutine forget(self)
    if (allocated(self%bend)) deallocate (self%bend)
 end subroutine forget
 
-!> Note a converged step
+!> Record a converged step
 pure subroutine note(self, before, x, done, load, curved)
    class(path_type), intent(inout) :: self
    !> Unknowns before and after the step, shape (n) each
    real(wp), contiguous, intent(in) :: before(:), x(:)
    !> Loads of both [-]
    real(wp), intent(in) :: done, load
-   !> More than the secant is wanted
+   !> Curvatures are wanted beside the secant
    logical, intent(in) :: curved
    real(wp), allocatable :: slope(:), bend(:, :)
    integer :: k, n
@@ -71,7 +71,7 @@ pure subroutine note(self, before, x, done, load, curved)
    call move_alloc(slope, self%slope)
 end subroutine note
 
-!> States that determine the way, beside the last one
+!> Number of states that determine the path, beside the last one
 pure integer function states(self)
    class(path_type), intent(in) :: self
 
@@ -80,7 +80,7 @@ pure integer function states(self)
    if (states > 0 .and. allocated(self%bend)) states = 1 + size(self%bend, 2)
 end function states
 
-!> Unknowns at a load, by some of the states
+!> Unknowns at a load, extrapolated from some of the states
 pure function at(self, x, done, load, states) result(ahead)
    class(path_type), intent(in) :: self
    !> Unknowns of the last state, shape (n)
@@ -102,11 +102,11 @@ pure function at(self, x, done, load, states) result(ahead)
    end do
 end function at
 
-!> Go where the way leads to, by as many states as are known, or by fewer where these do not come
-!> near. Where all of them are farther from equilibrium than the last state, the problem is not
-!> linearised there in the end
+!> Extrapolate the path from all known states, or from fewer where the residual is not small. If all
+!> extrapolations are farther from equilibrium than the last state, none is found, and the problem
+!> is linearised elsewhere on return
 subroutine lead(self, problem, done, load, x, r, seen, found)
-   !> Way with a state beside the last one
+   !> Path with at least one state beside the last one
    class(path_type), intent(in) :: self
    !> Problem, linearised at the last state
    class(problem_type), target, intent(inout) :: problem
@@ -116,9 +116,9 @@ subroutine lead(self, problem, done, load, x, r, seen, found)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Residuals there, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)
-   !> What was seen at the last state, then at the start
+   !> Evaluation at the last state, on return at the start
    type(evaluation_type), intent(inout) :: seen
-   !> There is a start
+   !> A start was found
    logical, intent(out) :: found
    real(wp), allocatable :: ahead(:), new(:)
    real(wp) :: least, size_here
@@ -144,7 +144,7 @@ subroutine lead(self, problem, done, load, x, r, seen, found)
 
 contains
 
-   !> Linearise where some of the states lead to
+   !> Linearise at the extrapolation from some of the states
    subroutine go_ahead(some)
       integer, intent(in) :: some
       type(stage_type) :: stage

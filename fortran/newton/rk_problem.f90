@@ -1,4 +1,4 @@
-!> What a nonlinear solver may know of a problem: residuals of an overdetermined system in terms of
+!> Interface of a problem for a nonlinear solver: residuals of an overdetermined system in terms of
 !> the unknowns and the load, and their linearisation.
 module rk_problem
    use rk_operator, only : row_operator
@@ -10,21 +10,21 @@ module rk_problem
 
    public :: problem_type, evaluation_type, stage_type
 
-   !> What residuals are asked for
+   !> Request for residuals
    type :: stage_type
-      !> Load, and that of essential values which are lifted into gradients: at the start of a load
-      !> step they may be those of the last state, from which they jump [-]
+      !> Load, and load of the prescribed values lifted into gradients: at the start of a load step
+      !> the latter may be that of the last state, from which the values jump [-]
       real(wp) :: load = 0.0_wp, lifted = 0.0_wp
-      !> Linearise as well
+      !> Linearise too
       logical :: tangent = .false.
-      !> Where the place is on the curve through the last converged states: their unknowns, the
-      !> latest first, shape (n, states), and loads at equal distances, shape (states) [-]
+      !> If the place is on the curve through the last converged states: their unknowns, the latest
+      !> first, shape (n, states), and loads at equal distances, shape (states) [-]
       real(wp), allocatable :: behind(:, :), behind_load(:)
-      !> Then the way beyond the last one, of that from the one before to it [-]
+      !> Then the distance beyond the last one, as a fraction of that between the last two [-]
       real(wp) :: share = 0.0_wp
    end type stage_type
 
-   !> What was seen while residuals were evaluated
+   !> Results of an evaluation beside the residuals
    type :: evaluation_type
       !> Smallest volume ratio J [-]
       real(wp) :: min_j = 1.0_wp
@@ -35,38 +35,38 @@ module rk_problem
       !> All volume ratios positive and all residuals finite
       logical :: valid = .true.
       !> Size of the residuals, by which starts are compared and the next step is estimated: their
-      !> norm, or one in which problems of inexact steps measure their linearisation
+      !> norm, or the norm in which problems with inexact steps measure it
       real(wp) :: size = -1.0_wp
    end type evaluation_type
 
    !> Overdetermined nonlinear equations r(x, load) = 0, solved in the least squares sense
    type, abstract :: problem_type
-      !> What is modelled
+      !> Scene that is modelled
       type(scene_type), pointer :: scene => null()
       !> Equations
       integer :: m = 0
       !> Unknowns
       integer :: n = 0
-      !> Norm of unknowns that would move every point by the size of the body, 0 where it has none
+      !> Norm of unknowns that would move every point by the size of the body, 0 without a body
       real(wp) :: extent = 0.0_wp
       !> Pressures among the unknowns: the first of them, 0 without any, the distance to the next
-      !> one, and the norm of pressures that are a shear modulus everywhere [stress]
+      !> one, and the norm of pressures that equal the shear modulus everywhere [stress]
       integer :: pressure_first = 0
       integer :: pressure_stride = 1
       real(wp) :: pressure_extent = 1.0_wp
       !> Residuals are linear in the unknowns: one solve, no load steps
       logical :: linear = .false.
       !> As many equations as unknowns, the derivative of an energy, which the linearisation solves
-      !> as they are. It costs several evaluations and is not made where residuals are enough
+      !> directly. It costs several evaluations and is omitted where residuals suffice
       logical :: square = .false.
-      !> Steps are solved to few digits: the size of an evaluation says what they leave
+      !> Steps are solved inexactly: the size of an evaluation measures the remaining residual
       logical :: inexact = .false.
       !> Row weights are those of the state that `start` was called with last
       logical :: weighted = .false.
-      !> The residuals are the derivative of an energy by the unknowns, so that modes reduce both
+      !> The residuals are the derivative of an energy, so that modes reduce both
       logical :: energetic = .false.
-      !> What may keep the iteration from converging, and what a user can do, in the words of the
-      !> deck; not allocated where nothing is known
+      !> Possible obstacle to convergence and its remedy, in terms of the deck; not allocated where
+      !> none is known
       character(len=:), allocatable :: caveat
       !> Linearised rows, which assemble sets
       class(row_operator), pointer :: linearised => null()
@@ -90,15 +90,15 @@ module rk_problem
          type(stage_type), intent(in) :: stage
          !> Residuals, shape (m)
          real(wp), contiguous, intent(inout) :: r(:)
-         !> What was seen
+         !> Further results
          type(evaluation_type), intent(out) :: seen
       end subroutine assemble_interface
    end interface
 
 contains
 
-!> Begin a load step, during which row weights stay what they are, or a step of the iteration where
-!> the problem was linearised last, on which the linearisation at its end may depend
+!> Begin a load step, during which row weights do not change, or a step of the iteration from the
+!> place of the last linearisation, on which the linearisation at its end may depend
 subroutine start(self, x, load, iteration)
    class(problem_type), target, intent(inout) :: self
    !> Unknowns there, shape (n)
@@ -112,7 +112,7 @@ subroutine start(self, x, load, iteration)
    end associate
 end subroutine start
 
-!> Residuals and, where wanted, their linearisation, which otherwise stays what it was
+!> Residuals and, where wanted, their linearisation, which otherwise remains unchanged
 subroutine evaluate(self, x, load, r, seen, tangent, lifted)
    class(problem_type), target, intent(inout) :: self
    !> Unknowns, shape (n)
@@ -124,8 +124,8 @@ subroutine evaluate(self, x, load, r, seen, tangent, lifted)
    type(evaluation_type), intent(out) :: seen
    !> Linearise
    logical, intent(in), optional :: tangent
-   !> Load of the last converged state, whose unknowns are a start of this load step: where the load
-   !> enters in a way that makes them no good state, a problem may linearise in the load as well [-]
+   !> Load of the last converged state, whose unknowns are the start of this load step: where they
+   !> are not a good state at the new load, a problem may linearise in the load too [-]
    real(wp), intent(in), optional :: lifted
    type(stage_type) :: stage
 
@@ -137,9 +137,9 @@ subroutine evaluate(self, x, load, r, seen, tangent, lifted)
    if (seen%size < 0.0_wp) seen%size = norm2(r)
 end subroutine evaluate
 
-!> Norms of the kinds of unknowns in a vector, each in units of its own: displacements in sizes of
+!> Norms of the kinds of unknowns in a vector, each with its own scale: displacements in sizes of
 !> the body, pressures, where there are any, in shear moduli. Pressures may be 1e8 times as large as
-!> displacements; one norm of both would not see these.
+!> displacements, which would not show in one norm of both.
 pure function scaled_norms(self, x) result(norms)
    class(problem_type), intent(in) :: self
    !> Unknowns or their change, shape (n)
@@ -156,7 +156,7 @@ pure function scaled_norms(self, x) result(norms)
    if (self%extent > 0.0_wp) norms(1) = norms(1)/self%extent
 end function scaled_norms
 
-!> Why a converged state is no answer of the equations that stand behind the rows, empty where
+!> Why a converged state does not solve the equations on which the rows are based, empty where
 !> no check rejects it: a least squares functional may have several stationary points
 subroutine check_answer(self, x, reason)
    class(problem_type), intent(in) :: self
@@ -168,7 +168,7 @@ subroutine check_answer(self, x, reason)
    reason = ''
 end subroutine check_answer
 
-!> Whether an equilibrium is unstable; false if a problem cannot tell
+!> Whether an equilibrium is unstable; false if a problem cannot determine this
 logical function is_unstable(self, x, load)
    class(problem_type), target, intent(inout) :: self
    !> Its unknowns, shape (n)
@@ -181,7 +181,7 @@ logical function is_unstable(self, x, load)
    is_unstable = .false.
 end function is_unstable
 
-!> What a user can do where steps vanish but the gradient does not, in the words of the deck
+!> Advice where steps vanish but the gradient does not, in terms of the deck
 subroutine get_advice(self, text)
    class(problem_type), intent(in) :: self
    character(len=:), allocatable, intent(out) :: text

@@ -1,4 +1,4 @@
-!> What a solver reports while it runs: a consumer interface without a file format.
+!> Reports of a solver while it runs: an interface for receivers, independent of any file format.
 module rk_recorder
    use rk_error, only : error_type
    use rk_lstsq, only : lstsq_report
@@ -20,12 +20,12 @@ module rk_recorder
       real(wp) :: residual = 0.0_wp
       !> |A^T r| (5.78a)
       real(wp) :: gradient = 0.0_wp
-      !> |da|/|a| (5.78b), the greater one of displacements and pressures [-]
+      !> |da|/|a| (5.78b), the larger one of displacements and pressures [-]
       real(wp) :: step_norm = 0.0_wp
       !> Smallest and largest volume ratio [-]
       real(wp) :: min_j = 1.0_wp
       real(wp) :: max_j = 1.0_wp
-      !> What the solver of its equations reports
+      !> Report of the linear solver
       type(lstsq_report) :: solver
       !> Wall time since the start of the solve [s]
       real(wp) :: seconds = 0.0_wp
@@ -35,7 +35,7 @@ module rk_recorder
    type :: step_type
       !> Load step, counted from 1
       integer :: step = 0
-      !> Of how many
+      !> Number of load steps
       integer :: steps = 0
       !> Load [-]
       real(wp) :: load = 0.0_wp
@@ -50,11 +50,11 @@ module rk_recorder
       !> Smallest and largest volume ratio [-]
       real(wp) :: min_j = 1.0_wp
       real(wp) :: max_j = 1.0_wp
-      !> Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest [-], and its
-      !> collocation point; 0 where nobody looked
+      !> Smallest eigenvalue of the acoustic tensor, over the shear modulus at rest [-], and its
+      !> collocation point; 0 where it was not computed
       real(wp) :: min_acoustic = huge(1.0_wp)
       integer :: acoustic_point = 0
-      !> Whether the load was asked for; false for the last state before a failure
+      !> Whether the load was planned; false for the last state before a failure
       logical :: planned = .true.
       !> Kinetic and strain energy, and work of the loads since the start, of linear dynamics;
       !> otherwise not allocated [force length]
@@ -75,11 +75,11 @@ module rk_recorder
       type(iteration_type), allocatable :: iteration(:)
       !> Halvings with which the first load step begins, where none was done
       integer :: halvings = 0
-      !> Why the earlier run ended behind its steps; not allocated where it goes on
+      !> Why the earlier run stopped after its steps; not allocated where it continues
       type(error_type), allocatable :: ended
    end type start_type
 
-   !> Receiver of what happens
+   !> Receiver of reports
    type, abstract :: recorder_type
       !> Receiver of the caller, asked whether to stop, where there is one
       class(recorder_type), pointer :: receiver => null()
@@ -89,7 +89,7 @@ module rk_recorder
 
 contains
 
-!> An iteration was done, of which not every receiver takes notice
+!> An iteration was done; a receiver may ignore it
 subroutine iteration(self, it)
    class(recorder_type), intent(inout) :: self
    type(iteration_type), intent(in) :: it
@@ -117,11 +117,11 @@ logical function stopped(self)
    if (stopped) stopped = self%receiver%stopped()
 end function stopped
 
-!> Something happened on the way; a receiver without a reader keeps still
+!> Note on an event during the run; a receiver may ignore it
 subroutine note(self, line, warning)
    class(recorder_type), intent(inout) :: self
    character(len=*), intent(in) :: line
-   !> It deserves attention; otherwise it says nothing about the answer
+   !> The note is a warning; otherwise it does not concern the answer
    logical, intent(in) :: warning
 
    associate (unused => self, unused_line => line, unused_too => warning)

@@ -1,5 +1,5 @@
-!> States as plain records: of a whole body, which post-processing is asked about, and of the
-!> material at one of its places, which is what it answers from.
+!> States as plain records: of a whole body, for post-processing, and of the material at one of its
+!> places, from which results are computed.
 module rk_states
    use rk_precision, only : wp
    implicit none
@@ -23,16 +23,16 @@ module rk_states
       real(wp) :: cauchy(3, 3) = 0.0_wp
    end type point_state
 
-   !> A state of a discretised body. The form that made it can answer every question about it, in
+   !> A state of a discretised body. The form that created it can evaluate any quantity of it, in
    !> any order and beside other states.
    type :: field_state
       !> Unknowns, shape (n)
       real(wp), allocatable :: x(:)
       !> Load, 0..1 [-]
       real(wp) :: load = 0.0_wp
-      !> Tissue whose stress alone is there, 0 for that of all
+      !> Tissue whose stress alone is included, 0 for that of all
       integer :: tissue = 0
-      !> Load factors, in which what is prescribed is linear, shape (factors) [-]
+      !> Load factors, in which prescribed values are linear, shape (factors) [-]
       real(wp), allocatable :: factor(:)
       !> Weak forms at their integration points: deformation gradient F(i, A), shape (3, 3, np) [-]
       real(wp), allocatable :: f(:, :, :)
@@ -45,10 +45,10 @@ module rk_states
       !> Weak forms: coefficients of the pressure, the projected K (J - 1) of each group of points,
       !> shape (1 + nd, groups) [stress length^(nd/2)]
       real(wp), allocatable :: pressure(:, :)
-      !> Where pressures are written with it: its curvature in each group, shape (nd, nd, groups)
+      !> Curvature of the pressure in each group, where it is written, shape (nd, nd, groups)
       !> [stress/length^2]
       real(wp), allocatable :: bend(:, :, :)
-      !> States at the collocation points, shape (nc), if they are stored for several questions
+      !> States at the collocation points, shape (nc), if they are stored for several evaluations
       type(point_state), allocatable :: place(:)
       !> Forces of the supports on source points, if the stress on walls comes from them, shape
       !> (nd, ns) [force]

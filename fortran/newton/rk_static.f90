@@ -1,6 +1,6 @@
-!> Load steps from rest through planned loads, halved where the iteration fails and grown again
-!> afterwards. A programme that begins loaded has a step 0, to the state at which it begins: the one
-!> that it starts from, in equilibrium with what is prescribed there, or else by a way from rest.
+!> Load steps from rest through planned loads, halved where the iteration fails and enlarged again
+!> afterwards. A programme that begins loaded has a step 0, to its first state: the given start, in
+!> equilibrium with the values prescribed there, or else a state approached from rest.
 module rk_static
    use rk_clock, only : timer_type
    use rk_discretisation, only : at_rest, turns_over
@@ -16,10 +16,10 @@ module rk_static
 
    public :: solve_static
 
-   !> Halvings after which a run ends at an unstable state: the branch is lost, and what further
-   !> ones reach is arbitrary
+   !> Halvings after which a run stops at an unstable state: the branch is lost, and states reached
+   !> by further halvings are arbitrary
    integer, parameter :: early = 5
-   !> Steps of a run that begins halved, as one with fewer points had to be, before they grow
+   !> Steps of a run that begins halved (as it was needed with fewer points) before they grow
    integer, parameter :: rests = 3
 
 contains
@@ -32,18 +32,18 @@ subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recor
    type(plan_type), intent(in) :: planned
    !> Halvings of a step before giving up
    integer, intent(in) :: max_halvings
-   !> Halvings with which it begins where no load step is done
+   !> Halvings with which it begins if no load step is done yet
    integer, intent(in) :: halved
    !> Unknowns, start and last converged state, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
    !> Receiver of iterations and steps
    class(recorder_type), intent(inout) :: recorder
    type(timer_type), intent(inout) :: timer
-   !> Error handling: no convergence, stopped, wrong input; x holds and the recorder saw the last
+   !> Error handling: no convergence, stopped, wrong input; x is, and the recorder has, the last
    !> converged state
    type(error_type), allocatable, intent(out) :: error
-   !> Load step that another run has done, whose state x is then; without it x is that of load 0, or
-   !> any other at which the iteration shall begin
+   !> Load step that another run has done, of which x is then the state; without it x is that of
+   !> load 0, or any other at which the iteration begins
    type(step_type), intent(in), optional :: last
    type(step_type) :: record
    real(wp), allocatable :: before(:)
@@ -89,7 +89,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recor
       do
          call choose_load()
          if (nothing_moves()) then
-            ! iterations would work on roundings
+            ! iterations would work on rounding errors
             done = load
             record%load = load
          else
@@ -107,7 +107,7 @@ subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recor
          if (load >= target_load) exit
       end do
       waits = 0
-      ! what was prescribed goes on at another rate
+      ! the rate of the prescribed values changes
       if (step == 0) then
          call newton%path%forget()
       else if (planned%knot(step)) then
@@ -118,13 +118,13 @@ subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recor
 
 contains
 
-   !> Load of the next step: a power of two of the planned one, so the target is met exactly
+   !> Load of the next step: the planned one over a power of two, so that the target is met exactly
    subroutine choose_load()
       part = most/2.0_wp**halvings
       load = min(done + part, target_load)
       if (target_load - load < 1.0e-9_wp*part) load = target_load
       newton%done = done
-      ! what is prescribed is that of a start beside the path
+      ! a start off the path has the prescribed values of this load
       if (aside) newton%done = load
       newton%impatient = halvings < max_halvings &
          & .and. .not. (newton%unstable .and. halvings >= early)
@@ -135,7 +135,7 @@ contains
          & .or. planned%knot(step)
    end subroutine choose_load
 
-   !> Whether the last state is that of the next load as well
+   !> Whether the last state is also that of the next load
    logical function nothing_moves()
       nothing_moves = at_rest(problem, x, load)
       if (settled .and. .not. nothing_moves) nothing_moves = .not. problem%scene%changes(done, load)
@@ -152,7 +152,7 @@ contains
       x = before
    end subroutine try_step
 
-   !> Whether a smaller step may do what this one did not
+   !> Whether a smaller step may succeed where this one failed
    logical function may_halve()
       may_halve = any(error%code == [err_convergence, err_linalg]) &
          & .and. halvings < max_halvings .and. .not. newton%pinned
@@ -167,8 +167,8 @@ contains
    end function is_lost
 
    subroutine halve()
-      ! the last one before the planned load is shorter than its part: to cut that less would only
-      ! repeat it
+      ! the last step before the planned load is shorter than its part: unless the part is cut
+      ! below that, the same step would be repeated
       do
          halvings = halvings + 1
          part = 0.5_wp*part
@@ -182,9 +182,9 @@ contains
       call newton%path%forget()
    end subroutine halve
 
-   !> Take a converged state
+   !> Accept a converged state
    subroutine arrive()
-      ! the way from a start beside the path says nothing about the path
+      ! the step from a start off the path gives no direction of the path
       if (.not. aside) call newton%path%note(before, x, done, load, problem%inexact)
       aside = .false.
       settled = .true.
@@ -195,7 +195,7 @@ contains
          & halvings = halvings - 1
    end subroutine arrive
 
-   !> What the record says of a converged state
+   !> Write a converged state to the record
    subroutine note_state(reached)
       !> Its load [-]
       real(wp), intent(in) :: reached
@@ -207,8 +207,8 @@ contains
       record%max_j = newton%state%max_j
    end subroutine note_state
 
-   !> Equilibrium at load 0 from a start, which is that already where the start belongs to what the
-   !> programme begins with. Where there is none, what follows goes by the way from rest
+   !> Equilibrium at load 0 from a start, which is already one if the start belongs to the beginning
+   !> of the programme. Without one, the first state is approached from rest
    subroutine begin_at_start()
       before = x
       record%step = 0
@@ -233,7 +233,7 @@ contains
       call recorder%step(record, x)
    end subroutine begin_at_start
 
-   !> Hand over the last converged state and say where it ended
+   !> Hand over the last converged state and report where the run stopped
    subroutine give_up()
       if (done > from .and. step > 0) then
          call settle()
@@ -255,7 +255,7 @@ contains
       error%code = err_convergence
    end subroutine give_up
 
-   !> Solve the last converged state, on the way to a load step, to all its digits
+   !> Solve the last converged state, an intermediate one, to full accuracy
    subroutine settle()
       type(error_type), allocatable :: failure
       logical :: unstable

@@ -20,7 +20,7 @@ void rk_online_volume(int pieces, int s, const double *restrict t, const double 
                       double *restrict stiffness)
 {
    const int count = s + 1, pairs = count * (count + 1) / 2;
-   /* eights in one line of the cache each: the sums take a third longer without */
+   /* groups of eight are aligned with cache lines: the sums take a third longer otherwise */
    double *restrict pair = (double *)(((uintptr_t)room + 63) / 64 * 64);
    for (int piece = 0; piece < pieces; piece++, y += 8, along += 8, dy += 8L * s) {
       for (int i = 0; i < 8 * pairs; i++) pair[i] = 0.0;

@@ -1,12 +1,12 @@
 !> States of a Galerkin reduced model in microseconds: Newton's iteration in the amplitudes of
-!> modes, with few cells in place of all and the volume of the groups kept whole.
+!> modes, with a sample of the cells and the volume of all groups.
 !>
-!> Amplitudes z: those of the modes, unknown, then those of what is prescribed. At a cell
+!> Amplitudes z: those of the modes, unknown, then those of prescribed values. At a cell
 !> F = 1 + sum z_k H_k, whose index is i + 3 (A - 1) for F_iA. The energy has three parts:
-!>   - that of the cells, at a sample of them with weights of their own;
+!>   - that of the cells, at a sample of them with separate weights;
 !>   - K/2 times the squared changes of volume of the groups. Volume is cubic in F, so that these
-!>     are T[(1,z), (1,z), (1,z)] with a constant tensor: of no cell is one left out. Groups formed
-!>     from sampled cells alone give no solution at all;
+!>     are T[(1,z), (1,z), (1,z)] with a constant tensor, which includes all cells. Groups formed
+!>     from sampled cells alone do not give a solution;
 !>   - penalty and stabilisation, a constant matrix.
 !> Newton's pressures are linear in the step, as in the full problem (rk_pressure).
 !>
@@ -33,13 +33,13 @@ module rk_online
    type :: online_model
       !> Modes; all amplitudes
       integer :: r = 0, s = 0
-      !> Size of the modes' amplitudes below which they are none: at rest no step is small [length]
+      !> Size of the modes' amplitudes below which they are zero: at rest no step is small [length]
       real(wp) :: least = tiny(1.0_wp)
       !> Displacement gradients of the amplitudes at the cells, shape (s, 9, nc) [1/length]
       real(wp), pointer, contiguous :: h(:, :, :) => null()
       !> Volume times weight of each cell, shape (nc) [length^nd]
       real(wp), pointer, contiguous :: weight(:) => null()
-      !> Bulk modulus of each cell itself, shape (nc) [stress]
+      !> Local bulk modulus of each cell, shape (nc) [stress]
       real(wp), pointer, contiguous :: local_bulk(:) => null()
       !> Coefficients of the polynomial, shape (9, nc) [stress]
       real(wp), pointer, contiguous :: a(:, :) => null()
@@ -48,23 +48,23 @@ module rk_online
       !> Their tissue, fraction and direction, shapes (ne), (ne), (3, ne)
       integer, pointer, contiguous :: tissue(:) => null()
       real(wp), pointer, contiguous :: fraction(:) => null(), fiber(:, :) => null()
-      !> Fibers of the tissues, and the unit axes about which they are turned, shape (3, nt) [-]
+      !> Fibers of the tissues, and the unit axes about which they are rotated, shape (3, nt) [-]
       type(muscle_type), allocatable :: laws(:)
       real(wp), allocatable :: axis(:, :)
       !> Penalty and stabilisation, shape (s, s) [force/length]
       real(wp), pointer, contiguous :: constant(:, :) => null()
       !> Changes of volume, in roots of energy, in pieces of 8 directions: symmetric in three
-      !> indices 0..s, entries of l <= m <= n with l running first, shape (8, triples, pieces)
+      !> indices 0..s, entries of l <= m <= n with l fastest, shape (8, triples, pieces)
       real(wp), pointer, contiguous :: volume(:, :, :) => null()
-      !> Derivatives by parameters of the materials: of the polynomial's coefficients, shape
-      !> (9, nc, nm), of the bulk modulus of each cell itself, shape (nc, nm), of `constant`, shape
-      !> (s, s, nm), and of the factor on the volume's energy in each piece, shape (pieces, nm)
+      !> Derivatives with respect to material parameters: of the polynomial's coefficients, shape
+      !> (9, nc, nm), of the local bulk modulus of each cell, shape (nc, nm), of `constant`, shape
+      !> (s, s, nm), and of the factor on the energy of volume in each piece, shape (pieces, nm)
       real(wp), pointer, contiguous :: a_slope(:, :, :) => null(), bulk_slope(:, :) => null()
       real(wp), pointer, contiguous :: constant_slope(:, :, :) => null()
       real(wp), pointer, contiguous :: volume_slope(:, :) => null()
    end type online_model
 
-   !> Room for one state at a time
+   !> Workspace for one state at a time
    type :: work_type
       !> Laws of the tissues, which take the parameters of one cell after the other
       type(muscle_type), allocatable :: laws(:)
@@ -72,10 +72,10 @@ module rk_online
       real(wp), allocatable :: f(:, :, :)
       !> Stresses of the amplitudes in a block of cells, shape (s, 9, block)
       real(wp), allocatable :: image(:, :, :)
-      !> Residual, tangent, its factor with the exchanges of rows, step
+      !> Residual, tangent, its factor with the row interchanges, step
       real(wp), allocatable :: residual(:), tangent(:, :), factor(:, :), step(:)
       integer, allocatable :: pivot(:)
-      !> Volume: pairs of the form, changes, those that are linear in the step, their derivatives,
+      !> Volume: pairs of the form, changes, those linear in the step, their derivatives,
       !> shapes (8, pairs + 1), (8, pieces), (8, pieces), (8, s, pieces)
       real(wp), allocatable :: pairs(:, :), y(:, :), along(:, :), dy(:, :, :)
       !> Smallest J
@@ -92,9 +92,9 @@ module rk_online
       end subroutine online_volume
    end interface
 
-   !> Cells whose stresses are summed at a time: they stay in the cache
+   !> Number of cells whose stresses are summed at a time: they stay in the cache
    integer, parameter :: block = 8
-   !> A step may take this share of the smallest J, and it stays above a floor [-]
+   !> A step is rejected if its smallest J is below both a floor and this share of the one before [-]
    real(wp), parameter :: j_share = 0.2_wp, j_floor = 0.02_wp
 
 contains
@@ -107,9 +107,9 @@ subroutine new_online(self, whole, number, least)
    !> parameters; then `first` and `tissue`
    integer, target, contiguous, intent(in) :: whole(:)
    !> The other arrays in the order of the model, and for each tissue lambda_o, gamma1, gamma2,
-   !> whether the curves are smooth (1) and the axis about which fibers turn
+   !> whether the curves are smooth (1) and the axis about which fibers rotate
    real(wp), target, contiguous, intent(in) :: number(:)
-   !> Size of the modes' amplitudes below which they are none [length]
+   !> Size of the modes' amplitudes below which they count as zero [length]
    real(wp), intent(in) :: least
    real(wp), pointer, contiguous :: law(:, :)
    integer :: e, o
@@ -157,7 +157,7 @@ contains
 
 end subroutine new_online
 
-!> Room for the states of a model
+!> Workspace for the states of a model
 subroutine new_work(self, model)
    type(work_type), intent(out) :: self
    type(online_model), intent(in) :: model
@@ -176,17 +176,17 @@ end subroutine new_work
 !> Residual of all amplitudes and, where wanted, its derivatives
 subroutine assemble(model, work, z, wish, tangent, restart)
    type(online_model), intent(in) :: model
-   !> Room, of which residual, tangent and smallest J are set
+   !> Workspace, of which residual, tangent and smallest J are set
    type(work_type), intent(inout) :: work
    !> Amplitudes, shape (s)
    real(wp), contiguous, intent(in) :: z(:)
-   !> What is asked for: activation [-], largest isometric stress [stress] and angle [rad] by which
-   !> the fibers are turned about its axis of each tissue, parameters of the materials less their
+   !> Requested values: for each tissue activation [-], largest isometric stress [stress] and angle
+   !> [rad] by which the fibers are rotated about its axis; parameters of the materials less their
    !> values in the model, prescribed amplitudes, shape (3 nt + nm + s - r)
    real(wp), intent(in) :: wish(:)
-   !> Derivatives as well
+   !> Derivatives too
    logical, intent(in) :: tangent
-   !> The pressures are those of this state; otherwise those that are linear in the last step
+   !> The pressures are those of this state; otherwise those linear in the last step
    logical, intent(in) :: restart
 
    real(wp) :: one(0:model%s), scale(size(model%volume, 3))
@@ -216,16 +216,16 @@ subroutine assemble(model, work, z, wish, tangent, restart)
    end do
 end subroutine assemble
 
-!> The part of the cells
+!> Part of the cells in residual and tangent
 subroutine assemble_cells(model, work, z, activation, sigma_max, turn, modulus, tangent)
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
-   !> Amplitudes, and the parts of what is asked for
+   !> Amplitudes, and the parts of the requested values
    real(wp), contiguous, intent(in) :: z(:)
    real(wp), intent(in) :: activation(:), sigma_max(:), turn(:), modulus(:)
    logical, intent(in) :: tangent
    real(wp) :: j, p(3, 3), c(3, 3, 3, 3), a(9), bulk, turned(3, 3, size(turn))
-   ! a cell has one fiber a tissue at the most
+   ! a cell has at most one fiber per tissue
    real(wp) :: fiber(3, size(turn)), sigma(size(turn))
    integer :: e, k, l, n, o, q
 
@@ -286,7 +286,7 @@ subroutine cell_law(laws, f, a, bulk, tissue, fiber, sigma, activation, tangent,
    real(wp), intent(in) :: f(3, 3)
    !> A10, A01, A20, A11, A02, A30, A21, A12, A03 [stress]
    real(wp), intent(in) :: a(9)
-   !> Bulk modulus of the cell itself [stress]
+   !> Local bulk modulus of the cell [stress]
    real(wp), intent(in) :: bulk
    !> Tissues with fibers in the cell, shape (k)
    integer, intent(in) :: tissue(:)
@@ -351,19 +351,19 @@ pure function rotation(axis, angle) result(q)
    q(1:2, 3) = q(1:2, 3) + sin(angle)*[axis(2), -axis(1)]
 end function rotation
 
-!> Newton's iteration from the amplitudes given
+!> Newton's iteration from given amplitudes
 subroutine solve_state(model, work, wish, tolerance, most_steps, z, iterations, change)
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
-   !> What is asked for, as of `assemble`
+   !> Requested values as in `assemble`
    real(wp), intent(in) :: wish(:)
-   !> Relative size of a step at which the iteration ends; 0 for as many iterations as allowed [-]
+   !> Relative size of a step at which the iteration stops; 0 for as many iterations as allowed [-]
    real(wp), intent(in) :: tolerance
-   !> Iterations at most
+   !> Largest number of iterations
    integer, intent(in) :: most_steps
    !> Amplitudes, start and answer, shape (s)
    real(wp), intent(inout) :: z(:)
-   !> Iterations; negative where it did not converge
+   !> Iterations; negative if it did not converge
    integer, intent(out) :: iterations
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
@@ -410,23 +410,23 @@ subroutine solve_state(model, work, wish, tolerance, most_steps, z, iterations, 
    iterations = -iterations
 end subroutine solve_state
 
-!> Solve on the way from a known state, in equal parts, each with the tangent as predictor: a jump
-!> of what is prescribed under amplitudes of before would raise pressures without measure
+!> Solve on the path from a known state, in equal parts, each with the tangent as predictor: a jump
+!> of prescribed values at the old amplitudes would raise pressures without bound
 subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, iterations, &
    & change)
    type(online_model), intent(in) :: model
    type(work_type), intent(inout) :: work
-   !> What the known state was asked for, and what is asked for now, as of `assemble`
+   !> Requested values of the known state, and those requested now, as in `assemble`
    real(wp), intent(in) :: known(:), wish(:)
-   !> Parts of the way
+   !> Number of parts of the path
    integer, intent(in) :: parts
-   !> Relative size of a step at which an iteration ends [-]
+   !> Relative size of a step at which an iteration stops [-]
    real(wp), intent(in) :: tolerance
-   !> Iterations of a part at most
+   !> Largest number of iterations of a part
    integer, intent(in) :: most_steps
    !> Amplitudes, of the known state and answer, shape (s)
    real(wp), intent(inout) :: z(:)
-   !> Iterations; negative where one did not converge
+   !> Iterations; negative if one did not converge
    integer, intent(out) :: iterations
    !> Relative size of the last step [-]
    real(wp), intent(out) :: change
@@ -439,7 +439,7 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
    z(model%r + 1:) = known(given:)
    do i = 1, parts
       target = known + real(i, wp)/real(parts, wp)*(wish - known)
-      ! the residual under the new activation at the old place, and what moving it adds
+      ! residual with new activation at old amplitudes, and its change by new prescribed ones
       call assemble(model, work, z, target, .true., .true.)
       if (.not. work%min_j > 0.0_wp) then
          iterations = -1 - iterations
@@ -463,13 +463,13 @@ subroutine follow(model, work, known, wish, parts, tolerance, most_steps, z, ite
    end do
 end subroutine follow
 
-!> Forces that do work on the amplitudes wanted, stationary in those of the modes where these follow
+!> Forces that do work on the wanted amplitudes, stationary in those of the modes if these follow
 !> the wanted ones as in equilibrium: an error of the modes' amplitudes enters squared
 subroutine find_forces(whole, room, wish, z, wanted, lift, force)
    !> Model with all its cells, or with a sample made for forces
    type(online_model), intent(in) :: whole
    type(work_type), intent(inout) :: room
-   !> What was asked for, as of `assemble`
+   !> Requested values as in `assemble`
    real(wp), intent(in) :: wish(:)
    !> Amplitudes, shape (s)
    real(wp), intent(in) :: z(:)

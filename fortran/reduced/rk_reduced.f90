@@ -1,11 +1,11 @@
 !> A problem in the span of orthonormal modes V: least squares Galerkin reduction (6.60)-(6.67) of
-!> rows, which ends by (6.68), (6.69) and whose rows A V are formed in the span at once or in full,
-!> and motions (rk_reduced_motion).
+!> rows, which stops by (6.68), (6.69) and whose rows A V are formed directly in the span or in
+!> full, and motions (rk_reduced_motion).
 !>
 !> A problem with an energy E is assembled in full and projected, (6.27)-(6.31): E(V a) has the
 !> residual V^T r(V a) and the tangent V^T K V, so that the volume is projected as in the full
-!> problem, and essential values are lifted and held by the penalty there. The pressures stay linear
-!> in Newton's step as well: every state of the iteration passes through the full problem.
+!> problem, where prescribed values are lifted and enforced by the penalty. The pressures remain
+!> linear in the Newton step: every state of the iteration is evaluated by the full problem.
 !>
 !> Reference: Kunisch, Volkwein, Numer. Math. 90 (2001), doi:10.1007/s002110100282
 module rk_reduced
@@ -48,12 +48,12 @@ subroutine new_reduced(reduced, full, modes, projection, assembled, error)
    class(discretisation_type), target, intent(inout) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
-   !> auto, galerkin or least-squares: what the residual is orthogonal to
+   !> auto, galerkin or least-squares: the space to which the residual is orthogonal
    character(len=*), intent(in) :: projection
-   !> Rows of collocation are assembled in full and then projected, as published, and not in the
-   !> span of the modes at once
+   !> Rows of collocation are assembled in full and then projected, as published, instead of being
+   !> formed directly in the span of the modes
    logical, intent(in) :: assembled
-   !> Error handling: a form that cannot be reduced so
+   !> Error handling: a form that cannot be reduced in this way
    type(error_type), allocatable, intent(out) :: error
    class(equilibrium_problem), pointer :: rows
    type(projected_problem), pointer :: projected
@@ -132,7 +132,7 @@ end subroutine new_motion
 
 !> Project a full problem on modes
 subroutine new_projected(self, full, modes)
-   !> Reduced problem; the full one must outlive it, and serves it in each of its evaluations
+   !> Reduced problem; the full one must outlive it, and is used in each of its evaluations
    type(projected_problem), intent(inout) :: self
    class(discretisation_type), target, intent(inout) :: full
    !> Orthonormal modes, shape (full n, r)
@@ -144,7 +144,7 @@ subroutine new_projected(self, full, modes)
    self%n = size(modes, 2)
    self%m = merge(self%n, full%m, full%energetic)
    self%square = full%energetic
-   ! amplitudes of orthonormal modes have the norm of the unknowns they stand for
+   ! amplitudes of orthonormal modes have the norm of the unknowns they represent
    self%extent = full%extent
    self%weighted = full%weighted
    allocate (self%residual(full%m))
@@ -177,14 +177,14 @@ subroutine assemble(self, x, stage, r, seen)
 
    self%linearised => self%rows
    call self%full%assemble(matmul(self%modes, x), stage, self%residual, seen)
-   ! the size of what modes can balance, not of all
+   ! the size of the part that modes can balance, not of the whole residual
    seen%size = -1.0_wp
    if (self%square) then
       r = matmul(self%residual, self%modes)
    else
       r = self%residual
    end if
-   ! no rows exist where the state is not valid, which the caller rejects
+   ! an invalid state, which the caller rejects, has no rows
    if (.not. (stage%tangent .and. seen%valid)) return
    allocate (image(self%full%m))
    do j = 1, self%n

@@ -1,10 +1,10 @@
 !> Linear dynamics in the span of modes (6.27)-(6.31), (6.45)-(6.50).
 !>
-!> The equations of a time step, L a(n+1) = right hand side, keep what is orthogonal to test vectors
-!> W: Galerkin projection takes the modes U, which needs as many equations as unknowns; least
-!> squares Galerkin projection takes W = L U (6.48), of which Cholesky's factor of (L U)^T L U
-!> (6.50) or Householder's of L U give the amplitudes. Everything but loads that change with time is
-!> projected once: a time step costs some r x r products.
+!> The residual of the equations of a time step, L a(n+1) = right hand side, is orthogonal to test
+!> vectors W: Galerkin projection takes the modes U, which needs as many equations as unknowns;
+!> least squares Galerkin projection takes W = L U (6.48), and the Cholesky factor of (L U)^T L U
+!> (6.50) or a Householder QR of L U gives the amplitudes. Everything but loads that change with
+!> time is projected once: a time step costs a few r x r products.
 !>
 !> Reference: Carlberg, Bou-Mosleh, Farhat, Int. J. Numer. Meth. Engng. 86 (2011),
 !> doi:10.1002/nme.3050
@@ -31,12 +31,12 @@ module rk_reduced_motion
       !> Whether W = L U, and whether that is solved by QR of L U
       logical :: least_squares = .false.
       logical :: by_qr = .false.
-      !> Cholesky's factor of W^T L U, shape (r, r)
+      !> Cholesky factor of W^T L U, shape (r, r)
       real(wp), allocatable :: factor(:, :)
-      !> Amplitudes at the new time by those at the last two times, shape (r, r)
+      !> Amplitudes at the new time from those at the last two times, shape (r, r)
       real(wp), allocatable :: from_now(:, :), from_before(:, :)
-      !> What the loads add to them, shape (r), where they do not change; not allocated before it is
-      !> known
+      !> Contribution of the loads to them, shape (r), if these are constant; not allocated before
+      !> it is known
       real(wp), allocatable :: pushed(:)
    contains
       procedure :: start, advance
@@ -45,7 +45,7 @@ module rk_reduced_motion
 
    !> A problem in motion in the span of modes; its rows are those of a time step
    type, extends(problem_type) :: moving_problem
-      !> What moves
+      !> Body in motion
       type(reduced_motion) :: body
    contains
       procedure :: assemble
@@ -56,7 +56,7 @@ contains
 !> Project a motion on modes
 subroutine new_moving_problem(self, full, modes, projection, error)
    type(moving_problem), intent(inout) :: self
-   !> Body in motion, which is the reduced problem's from now on
+   !> Body in motion, owned by the reduced problem from now on
    class(form_motion), pointer, intent(in) :: full
    !> Orthonormal modes, shape (full n, r)
    real(wp), intent(in) :: modes(:, :)
@@ -93,10 +93,10 @@ subroutine new_moving_problem(self, full, modes, projection, error)
    end associate
 end subroutine new_moving_problem
 
-!> Project the equations of a time step and solve them for what each amplitude does
+!> Project the equations of a time step and solve them for the effect of each amplitude
 subroutine prepare(self, solver, error)
    type(moving_problem), intent(inout) :: self
-   !> normal for Cholesky's factor of the projected equations, else QR where they are least squares
+   !> normal for a Cholesky factor of the projected equations, else QR where they are least squares
    character(len=*), intent(in) :: solver
    !> Error handling: modes that the equations do not distinguish
    type(error_type), allocatable, intent(out) :: error
@@ -149,7 +149,7 @@ subroutine amplitudes(self, side, x, error)
    if (.not. allocated(error)) x = b(:self%n, 1)
 end subroutine amplitudes
 
-!> Amplitudes at the start and one time step later: the parts of the full body's in the modes
+!> Amplitudes at the start and one time step later: the full coefficients projected on the modes
 subroutine start(self, first, second, error)
    class(reduced_motion), intent(inout) :: self
    !> Amplitudes at both times, shape (r)
@@ -183,7 +183,7 @@ subroutine advance(self, before, now, time, next, error)
    next = matmul(self%from_now, now) + matmul(self%from_before, before) + self%pushed
 end subroutine advance
 
-!> Give the full body back
+!> Free the full body
 subroutine free_reduced(self)
    type(reduced_motion), intent(inout) :: self
 
@@ -194,7 +194,7 @@ end subroutine free_reduced
 subroutine assemble(self, x, stage, r, seen)
    class(moving_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
-   !> Of no meaning here
+   !> Unused
    type(stage_type), intent(in) :: stage
    !> L U x, shape (m)
    real(wp), contiguous, intent(inout) :: r(:)

@@ -1,11 +1,11 @@
-!> Error bars of probes: how far each may be off, and how much that is of its kind.
+!> Error bars of probes: the possible error of each, and its size relative to the probe's kind.
 !>
-!> A probe that symmetry makes zero says nothing by its own size. Displacements are therefore taken
-!> relative to their own size, but at least to a tenth of that of their kind: the largest
-!> displacement of the body, the largest force on a boundary set, the mean norm of the stress over
-!> the volume; stresses inside to three tenths of that. A few singular places, as corners of fixed
-!> faces where J is nearly 0, may make that mean 1e8 times the stress elsewhere: it is at most what
-!> nine tenths of the volume stay below.
+!> The size of a probe that vanishes by symmetry is no measure. Errors are therefore taken relative
+!> to the size of a probe, but at least to a tenth of that of its kind: the largest displacement of
+!> the body, the largest force on a boundary set, the mean norm of the stress over the volume; for
+!> stresses inside to three tenths of that. A few singular places, such as corners of fixed faces
+!> where J is nearly 0, may make that mean 1e8 times the stress elsewhere: it is limited to the
+!> value that nine tenths of the volume stay below.
 module rk_bars
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, ieee_value
    use rk_cloud, only : cloud_type
@@ -28,121 +28,121 @@ module rk_bars
    public :: fewer_points, more_points, another_form, twice_fewer, share_of_kind
    public :: holds_part
 
-   !> What an answer is compared with: the same form on half as many cells in each direction, or on
-   !> more, or another form, or both boundary methods on half as many
+   !> Second solution of the comparison: the same form on half as many cells in each direction, or
+   !> on more, or another form, or both boundary methods on half as many
    integer, parameter :: fewer_points = 1, more_points = 2, another_form = 3, twice_fewer = 4
 
-   !> Bar over the difference from fewer points, of displacements and forces, stresses inside and at
-   !> the surface. Errors of order two are a third of it, of order one as large: those at the
+   !> Bar over the difference from fewer points, for displacements and forces, stresses inside and
+   !> at the surface. Errors of order two are a third of it, of order one as large: those at the
    !> surface are nearer the latter; with singular edges displacements and forces are in between.
    !> Errors of stresses inside change sign from place to place: the difference is the root of the
    !> sum of squares, 4.1 times the error, and nine errors in ten are below 1.65 times theirs
    real(wp), parameter :: factor_coarse = 0.7_wp, factor_inside = 0.4_wp, factor_surface = 1.0_wp
-   !> Times as much for displacements in the plane between two or more sets that are held in all
-   !> directions, where errors vanish, and no load acts: of 84 of random decks 95 % err by less than
-   !> .7 of the bars without it; in space free sides ripple
+   !> Factor for displacements in 2D between two or more sets constrained in all directions, where
+   !> errors vanish, if no load acts: 95 % of 84 errors of random decks are below .7 of the bars
+   !> without it; in 3D free sides ripple
    real(wp), parameter :: factor_held = 0.7_wp
-   !> The same of forces and displacements in annuli without rims with a basis of order two: errors
-   !> are of order three, a seventh of the difference. Displacements are compared at the probe only.
-   !> At random places 97 % of 96 err by less than .23 of the difference with both boundary methods,
-   !> 93 % of 72 others by less than .25: points in the middle of a group of cells or between two
-   !> groups err unlike those beside them
+   !> Bar over the difference for forces and displacements in annuli without rims with a basis of
+   !> order two: errors are of order three, a seventh of the difference. Displacements are compared
+   !> at the probe only. At random places 97 % of 96 errors are below .23 of the difference with
+   !> both boundary methods, 93 % of 72 others below .25: errors at points in the middle of a group
+   !> of cells or between two groups differ from those beside them
    real(wp), parameter :: factor_polar = 0.3_wp, factor_place = 0.5_wp
-   !> The same for nodal cells of voxels, whose surface has stairs: of 63 probes 48 are covered
+   !> The same for nodal cells of voxels with their stepped surface: 48 of 63 bars contain the error
    real(wp), parameter :: factor_stairs = 2.0_wp
-   !> The same for blocks of voxels; how far from their faces the surface of the body may be, in
-   !> voxels; and what becomes of an end that is held as wide as its slice, of how much wider that
-   !> is. Of 178 probes of random bodies 167 were covered without the latter and with displacements
-   !> that see 0.05 of a voxel, 176 with both
+   !> The same for blocks of voxels; possible distance of the surface of the body from their faces,
+   !> in voxels; and error of an end that is constrained over its whole slice, relative to the
+   !> excess width of the slice. Of 178 bars of probes of random bodies 167 contained the error
+   !> without the latter and with 0.05 of a voxel for displacements, 176 with both
    real(wp), parameter :: factor_blocks = 0.5_wp, off_surface = 0.08_wp, off_end = 0.2_wp
-   !> Times as much for displacements, forces and stresses of annuli without rims beside an answer
-   !> that holds displacements exactly, where both boundary methods are solved on fewer points and
-   !> what is farther away counts: the softer one alone agrees by chance. Errors of 95 % of the
+   !> Factor for displacements, forces, and stresses of annuli without rims beside an answer that
+   !> enforces displacements exactly, where both boundary methods are solved on fewer points and the
+   !> one farther away counts: the softer one alone may agree by chance. 95 % of the errors of
    !> forces of random plane bodies are below 2.0 of its difference, and below .53 of the larger
-   !> one, of solids below .81. By the order of the basis, of one where a wall is held up to a free
-   !> end
+   !> one, of solids below .81. By the order of the basis, which counts as one where a wall is
+   !> constrained up to a free end
    real(wp), parameter :: factor_farther(2) = [0.7_wp, 0.5_wp]
-   !> Times as much there for displacements and stresses in the plane where loads act, which let
-   !> errors at the supports add up over the body: 95 % of 28 each err by less than 1.1 and 1.2 of
-   !> the bars without it, in space by .5
+   !> Factor there for displacements and stresses in 2D where loads act, with which errors at the
+   !> supports accumulate over the body: 95 % of 28 errors of each are below 1.1 and 1.2 of the bars
+   !> without it, in 3D below .5
    real(wp), parameter :: factor_loaded = 1.25_wp
-   !> Times the factor from more points at the surface
+   !> Factor on that from more points, at the surface
    real(wp), parameter :: factor_outside = 1.5_wp
-   !> From more points: errors of order two are 4/3 of it, those of order one twice as much
+   !> From more points: errors of order two are 4/3 of the difference, those of order one twice
    real(wp), parameter :: factor_fine = 2.0_wp
-   !> Times as much where two materials meet: the interface lies elsewhere between the points of
-   !> either solution, which may agree by chance. Where kinks stand for planes 95 of 102 probes of
-   !> sheets that ask for 2 % are covered without it. Likewise where a part of a side is held, whose
-   !> border is singular; and where materials meet elsewhere, at Gauss points on either side
+   !> Factor where two materials meet: the interface lies at different places between the points of
+   !> the two solutions, which may agree by chance. Where kinks represent planes, 95 of 102 bars of
+   !> sheets with a target of 2 % contain the error without it. Likewise where part of a side is
+   !> constrained, with a singular border; and where materials meet elsewhere, between Gauss points
    real(wp), parameter :: factor_layers = 2.0_wp, factor_between = 3.0_wp
    !> Collocation against the weak form: 94 % of 388, 2.0 times the error
    real(wp), parameter :: factor_forms = 2.0_wp
-   !> No bar is below this share of the value, of a component the vector or tensor that it is of, so
-   !> that it does not depend on the axes, and of the size: iterations leave 4e-10 of forces, known
-   !> values have six digits [-]
+   !> Least bar, relative to the size and to the value, for a component to its vector or tensor, so
+   !> that it does not depend on the axes: iterations leave errors of 4e-10 in forces, known values
+   !> have six digits [-]
    real(wp), parameter :: least_share = 2.0e-6_wp
-   !> Least size of a probe, of that of its kind, and of a stress inside the body [-]
+   !> Least size of a probe, and of a stress inside the body, relative to that of its kind [-]
    real(wp), parameter :: share_of_kind = 0.1_wp, share_inside = 0.3_wp
-   !> Least force of their kind, of the mean stress on the area of a set: where nothing pulls, all
+   !> Least size of forces, relative to the mean stress times the area of a set: without loads all
    !> forces balance to zero [-]
    real(wp), parameter :: share_balanced = 0.01_wp
-   !> Least size at the end of a programme, of the largest on the way: loads that are taken off
-   !> again leave what iterations leave [-]
+   !> Least size at the end of a programme, relative to the largest on the way: where loads are
+   !> removed again only the errors of iterations remain [-]
    real(wp), parameter :: share_of_peak = 1.0e-3_wp
-   !> Largest probe below which all of a kind are zero, of the size of the kind [-]
+   !> Largest probe below which all of a kind count as zero, relative to the size of the kind [-]
    real(wp), parameter :: near_zero = 0.01_wp
    !> Sets of the ends of a quarter ring
    integer, parameter :: ends(2) = [3, 4]
    !> Share of the volume that is not singular: the mean stress of bodies without collapsed corners,
-   !> also of those that bend or are pressed at a point, is below what nine tenths stay below [-]
+   !> also in bending or under a point load, is below the value that nine tenths stay below [-]
    real(wp), parameter :: ordinary = 0.9_wp
 
    !> Bars of all probes
    type :: bars_type
-      !> Loads of a programme, whose bars are not in proportion to these, or times of a motion; of
-      !> a ramp the full one, shape (n)
+      !> Loads of a programme, whose bars are not proportional to them, or times of a motion; for a
+      !> ramp the full load, shape (n)
       real(wp), allocatable :: load(:)
-      !> Values and bars there, the last ones at full load; bars are not a number where there are
-      !> none, shape (3, probes, n)
+      !> Values and bars there, the last ones at full load; bars are NaN where there are none, shape
+      !> (3, probes, n)
       real(wp), allocatable :: values(:, :, :), bars(:, :, :)
-      !> Largest difference from another solution, of the size; not a number where there is none,
+      !> Largest difference from another solution, relative to the size; NaN where there is none,
       !> shape (probes) [-]
       real(wp), allocatable :: change(:)
       !> Bar over difference of each probe, shape (probes) [-]
       real(wp), allocatable :: factor(:)
-      !> Norm of what each probe is a component of, at these loads, shape (probes, n)
+      !> Norm of the vector or tensor of each probe at these loads, shape (probes, n)
       real(wp), allocatable :: whole(:, :)
-      !> By how much a J is off what the pressure allows at these loads, and a stress on a free wall
-      !> is another one without its traction, 0 of all else, shape (probes, n)
+      !> Difference of a J from that of the pressure at these loads, and of a stress on a free wall
+      !> from that without its traction; 0 for all others, shape (probes, n)
       real(wp), allocatable :: apart(:, :)
-      !> Kind of all displacements at these loads: the shear strain that the stress would make of a
-      !> free body, times its size; 0 of linear problems, shape (n) [length]
+      !> Size of displacements as a kind at these loads: the shear strain that the stress would
+      !> cause in a free body, times the size of the body; 0 in linear problems, shape (n) [length]
       real(wp), allocatable :: strained(:)
-      !> Own size at full load, at least a tenth of its kind, three tenths for stresses inside,
+      !> Size at full load, at least a tenth of that of its kind, three tenths for stresses inside,
       !> shape (probes)
       real(wp), allocatable :: size(:)
-      !> At least a tenth for stresses inside too, the largest of a programme, shape (probes)
+      !> The same with a tenth for stresses inside too, the largest of a programme, shape (probes)
       real(wp), allocatable :: small(:)
-      !> Own size at full load, at least that of its kind, shape (probes)
+      !> Size at full load, at least that of its kind, shape (probes)
       real(wp), allocatable :: kind(:)
-      !> What a reader compares it with: the largest probe of its kind at these loads, if that is
-      !> not near zero among its kind, as where all of them are zero by symmetry, shape (probes)
+      !> Size that a reader compares it with: the largest probe of its kind at these loads, unless
+      !> that is near zero for its kind, as where all vanish by symmetry, shape (probes)
       real(wp), allocatable :: read(:)
       !> Largest size at these loads, shape (probes)
       real(wp), allocatable :: peak(:)
-      !> The loads are taken off at the end, which says nothing about the answer
+      !> The loads are removed at the end, whose state says nothing about the answer
       logical :: taken_off = .false.
-      !> A motion: what passes through zero is measured by its amplitude, and bars are the largest
-      !> so far, as two solutions out of phase agree now and then
+      !> A motion: quantities that pass through zero are measured by their amplitude, and bars are
+      !> the largest so far, as two solutions out of phase agree now and then
       logical :: moves = .false.
       !> Stresses at the surface, shape (probes)
       logical, allocatable :: at_surface(:)
-      !> Nothing around a probe shows that two solutions agree by chance, shape (probes)
+      !> No points around a probe could show that two solutions agree by chance, shape (probes)
       logical, allocatable :: alone(:)
-      !> Stresses in the plane, whose errors change sign from place to place, shape (probes). Those
-      !> in space would take 1.5 times the time if they were compared alike
+      !> Stresses in 2D, whose errors change sign from place to place, shape (probes). The same
+      !> comparison in 3D would take 1.5 times the time
       logical, allocatable :: swings(:)
-      !> Part of each bar that the voxels of a body leave open, whatever the points, over the size,
+      !> Part of each bar due to the resolution of the voxels, whatever the points, over the size,
       !> shape (probes) [-]
       real(wp), allocatable :: open(:)
       !> Main part of each bar at full load: "other points", "other form", "points around",
@@ -155,8 +155,8 @@ module rk_bars
 
 contains
 
-!> Values at full load, or of a programme, and sizes of their kinds; bars come later, from what they
-!> are compared with
+!> Values at full load, or of a programme, and sizes of their kinds; bars are set later, by
+!> comparisons
 subroutine new_bars(self, problem, load, x, error)
    type(bars_type), intent(out) :: self
    class(discretisation_type), intent(in) :: problem
@@ -196,7 +196,7 @@ subroutine new_bars(self, problem, load, x, error)
       peak = max(peak, self%kind)
    end do
    self%taken_off = judged_state(problem, x) < size(load)
-   ! the end is judged by what it is, whatever the way there
+   ! the end is judged by its own size, whatever the way there
    self%size = max(self%size, share_of_peak*self%peak)
    self%kind = max(self%kind, share_of_peak*peak)
    self%moves = allocated(problem%scene%motion)
@@ -220,11 +220,11 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
    type(field_state), intent(in) :: state
    !> Values, shape (3, probes)
    real(wp), intent(out) :: value(:, :)
-   !> Norms of what they are components of, shape (probes)
+   !> Norms of the vectors or tensors that they are components of, shape (probes)
    real(wp), intent(out) :: whole(:)
-   !> By how much they differ from what the same displacements say otherwise, shape (probes)
+   !> Differences from other evaluations of the same displacements, shape (probes)
    real(wp), intent(out) :: apart(:)
-   !> Displacement that the stress would make of a free body [length]
+   !> Displacement that the stress would cause in a free body [length]
    real(wp), intent(out) :: strained
    type(point_state) :: local
    real(wp), dimension(size(problem%scene%cloud%points, 2)) :: stresses, strains
@@ -267,12 +267,12 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
          case ('ratio')
             kind = 1.0_wp
          case ('energy', 'angle')
-            ! nothing else is of their kind
+            ! no other quantity is of their kind
             kind = 0.0_wp
          case default
             kind = stress
             self%swings(i) = scene%cloud%nd < 3
-            ! in a model of its own tissue: a soft one carries little beside a stiff one
+            ! in a model that of its tissue: a soft one carries little beside a stiff one
             associate (of => scene%tissue_of)
                if (allocated(scene%cloud%block)) kind = size_of(pack(stresses, of == of(probes &
                   & %nearest(i))), pack(scene%cloud%volume, of == of(probes%nearest(i))))
@@ -285,7 +285,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
             end if
          end select
          own = norm2(value(:quantity_size(scene%probe(i)%quantity), i))
-         ! stairs turn what they err by
+         ! the errors of a stepped surface mix the components
          if (allocated(scene%cloud%block)) own = max(own, whole(i))
          self%kind(i) = max(kind, own)
          self%size(i) = max(share*kind, own)
@@ -294,8 +294,8 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
    end associate
 end subroutine look_at
 
-!> Shear strain that a stress makes alone, by the shear modulus at rest, 0 in a linear problem; the
-!> pressure makes none, and may be any number where the volume is kept [-]
+!> Shear strain due to a stress alone, with the shear modulus at rest, 0 in a linear problem; the
+!> pressure causes none, and may take any value where the volume is preserved [-]
 pure real(wp) function shear_strain(scene, place, cauchy)
    type(scene_type), intent(in) :: scene
    !> Place of output
@@ -316,7 +316,7 @@ pure real(wp) function shear_strain(scene, place, cauchy)
    end associate
 end function shear_strain
 
-!> Mean of a norm over the volume where it is finite, at most what `ordinary` of that stays below
+!> Mean of a norm over the volume where it is finite, at most the value `ordinary` of that is below
 pure real(wp) function size_of(norm, volume)
    !> Norm at each place, shape (nc)
    real(wp), intent(in) :: norm(:)
@@ -409,7 +409,7 @@ subroutine bars_by_other(self, problem, other, kind, around)
    end do
 end subroutine bars_by_other
 
-!> Whether displacements are prescribed on a part of a side; a set may be a whole one
+!> Whether displacements are prescribed on a part of a side; a set may be a whole side
 pure logical function holds_part(scene)
    type(scene_type), intent(in) :: scene
    logical :: inside(size(scene%cloud%boundary_set))
@@ -430,13 +430,13 @@ pure logical function holds_part(scene)
    end associate
 end function holds_part
 
-!> Where a set that is held in all directions meets a face where nothing is held: the stress is
-!> singular there, and convergence is slower than the order of the basis
+!> Where a set constrained in all directions meets an unconstrained face: the stress is singular
+!> there, and convergence is slower than the order of the basis
 subroutine find_rims(scene, rim, wall)
    type(scene_type), intent(in) :: scene
    !> There are such rims
    logical, intent(out) :: rim
-   !> Also of something else than the ends of an annulus
+   !> Also on sets other than the ends of an annulus
    logical, intent(out) :: wall
    logical, dimension(size(scene%cloud%points, 2)) :: end_held, free, wall_held
    logical, dimension(size(scene%condition)) :: here, holds
@@ -463,16 +463,16 @@ subroutine find_rims(scene, rim, wall)
    wall = any(wall_held .and. free)
 end subroutine find_rims
 
-!> What supports the body and what acts on it
+!> Supports of the body and loads on it
 pure subroutine find_supports(scene, held, loaded)
    type(scene_type), intent(in) :: scene
-   !> All conditions hold all directions, there are two or more, and no force acts
+   !> All conditions constrain all directions, there are two or more, and no force acts
    logical, intent(out) :: held
    !> Forces act on the body
    logical, intent(out) :: loaded
    integer :: k
 
-   ! what a source of a linear problem does is not known
+   ! the effect of a source in a linear problem is not known
    held = size(scene%condition) > 1 .and. .not. allocated(scene%equation%problem)
    loaded = allocated(scene%body_force)
    do k = 1, size(scene%condition)
@@ -504,7 +504,7 @@ real(wp) function factor_of(smooth, probe, at_surface) result(factor)
    end if
 end function factor_of
 
-!> How much narrower than their slices the ends of voxels are that conditions act on [-]
+!> How much narrower the ends of a voxel body with conditions are than their slices [-]
 pure real(wp) function taper_of(scene) result(most)
    type(scene_type), intent(in) :: scene
    character(len=*), parameter :: names(2, 2) = reshape([character(len=6) :: 'bottom', 'z0', &
@@ -580,16 +580,16 @@ subroutine set_bar(self, i, n, other, around, left, from)
    type(bars_type), intent(inout) :: self
    !> Probe
    integer, intent(in) :: i
-   !> How many numbers it has
+   !> Number of its components
    integer, intent(in) :: n
    !> The other values at the same loads, shape (3, loads)
    real(wp), intent(in) :: other(:, :)
    !> Root mean square of the difference around the probe, negative where it is not known, shape
    !> (3, loads)
    real(wp), intent(in) :: around(:, :)
-   !> Share of the value, of a component the vector or tensor, that the voxels leave open [-]
+   !> Share of the value, for a component of its vector or tensor, that voxels leave uncertain [-]
    real(wp), intent(in) :: left
-   !> Where the other values are from
+   !> Source of the other values
    character(len=*), intent(in) :: from
    real(wp) :: difference(n, size(self%load))
    integer :: k, last
@@ -628,16 +628,16 @@ subroutine set_bar(self, i, n, other, around, left, from)
    self%open(i) = left*self%whole(i, last)/max(self%size(i), tiny(1.0_wp))
 end subroutine set_bar
 
-!> Bars of a search. Where the answer has left the bars that it had on fewer points, they are wider
-!> by as much, up to the whole change. Where nothing shows that two solutions agree by chance, and
-!> in space, they are at least what the square of the spacing leaves of those on fewer points
+!> Bars of a search. Where the answer has moved outside its bars on fewer points, they are widened
+!> by the same factor, up to the whole change. Where no points around a probe could show agreement
+!> by chance, and in 3D, they are at least those on fewer points over the squared ratio of cells
 subroutine bars_by_earlier(self, solid, earlier, growth)
    type(bars_type), intent(inout) :: self
-   !> A body in space
+   !> Whether the body is 3D
    logical, intent(in) :: solid
-   !> Those of the answer on fewer points, at the same loads
+   !> Bars of the answer on fewer points, at the same loads
    type(bars_type), intent(in) :: earlier
-   !> Cells of one direction over those then, the largest of all directions [-]
+   !> Ratio of cells to those then in one direction, the largest of all directions [-]
    real(wp), intent(in) :: growth
    real(wp) :: least(3, size(self%load)), moved(3, size(self%load))
    integer :: i, last
@@ -650,7 +650,7 @@ subroutine bars_by_earlier(self, solid, earlier, growth)
       least = min(moved, self%bars(:, i, :)*moved/max(earlier%bars(:, i, :), tiny(1.0_wp)))
       if (solid .or. self%alone(i)) least = max(least, earlier%bars(:, i, :)/growth**2)
       if (any(least(:, last) > self%bars(:, i, last))) self%source(i) = 'earlier points'
-      ! there are none beyond its components
+      ! a probe has no bars beyond its components
       where (self%bars(:, i, :) < least) self%bars(:, i, :) = least
    end do
 end subroutine bars_by_earlier
@@ -660,13 +660,13 @@ pure real(wp) function least(self, i, whole)
    type(bars_type), intent(in) :: self
    !> Probe
    integer, intent(in) :: i
-   !> Norm of what it is a component of
+   !> Norm of the vector or tensor that it is a component of
    real(wp), intent(in) :: whole
 
    least = least_share*max(whole, self%size(i))
 end function least
 
-!> Bars of a probe at a load: of a ramp those of full load in proportion to it
+!> Bars of a probe at a load: for a ramp those of full load in proportion to it
 pure function at(self, i, load, value) result(bar)
    class(bars_type), intent(in) :: self
    !> Probe
@@ -689,10 +689,10 @@ pure function at(self, i, load, value) result(bar)
       & load*self%whole(i, 1))))
 end function at
 
-!> Value as it is printed beside its bar: far below that it is rounding
+!> Value as printed beside its bar: values far below the bar are rounding errors
 elemental real(wp) function printed(value, bar)
    real(wp), intent(in) :: value
-   !> Its bar, not a number where there is none
+   !> Its bar, NaN where there is none
    real(wp), intent(in) :: bar
 
    printed = merge(0.0_wp, value, abs(value) < 1.0e-6_wp*bar)
@@ -757,8 +757,8 @@ pure subroutine look_at_face(cloud, e, place, h, on_face, normal)
    on_face = norm2(away) < h .and. abs(off) < 1.0e-3_wp*h
 end subroutine look_at_face
 
-!> By how much a stress changes without the traction that it has on a face where nothing acts: that
-!> part of its error is known
+!> Change of a stress when its traction on a face without conditions is removed: this part of its
+!> error is known
 real(wp) function off_free(problem, i, local) result(off)
    class(discretisation_type), intent(in) :: problem
    !> Number of the probe

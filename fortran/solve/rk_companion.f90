@@ -1,10 +1,10 @@
-!> A second solution beside an answer, cheap and independent enough to tell how far that may be off.
+!> A second solution beside an answer, cheap and independent enough to estimate the answer's error.
 !>
-!> Weak forms converge from one side and evenly: the same form on half as many points in each
-!> direction is off by a few times as much, and the difference is a bar that covers. Where that
-!> leaves hardly any points the other one has twice as many, if they are few in all. Collocation
-!> forms do not: where they fail they fail on all clouds alike, so they are compared with the weak
-!> form on their own points.
+!> Weak forms converge regularly from one side: the error of the same form on half as many points in
+!> each direction is a few times as large, and the difference is an error bar that contains the
+!> error. Where that leaves hardly any points, the second solution has twice as many, if they are
+!> few in all. Collocation forms do not: where they fail they fail on all clouds alike, so they are
+!> compared with the weak form on the same points.
 module rk_companion
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_bars, only : another_form, bars_type, fewer_points, holds_part, more_points, &
@@ -37,36 +37,36 @@ module rk_companion
    character, parameter :: nl = new_line('a')
    !> Prescribed displacements of a companion beside an answer by the penalty
    character(len=*), parameter :: exactly = 'galerkin.essential="transformation"'//nl
-   !> The same beside an answer that holds them exactly
+   !> The same beside an answer that enforces them exactly
    character(len=*), parameter :: softly = 'galerkin.essential="penalty"'//nl
-   !> Halvings of its load steps, of which more only find to more digits where it ends, and steps of
-   !> its second attempt
+   !> Halvings of its load steps (more would only locate the load at which it stops more
+   !> accurately), and steps of its second attempt
    integer, parameter :: halvings = 6, least_steps = 5
-   !> Cells across a body that are too few to refute a finer answer: two, and three, of which
-   !> one has its pressure alone
+   !> Cells across a body that are too few to refute a finer answer: two, and three, of which one
+   !> does not share its pressure
    integer, parameter :: few_cells = 3
-   !> Points across a plane body half of whose cells are too few to tell anything: twice as many,
-   !> which cost little there, are looked at instead
+   !> Points across a plane body up to which half of the cells are too few for a comparison: twice
+   !> as many, which cost little there, are used instead
    integer, parameter :: least_cells = 2*few_cells + 2
-   !> Blocks of voxels across a layer whose half are too few to tell anything; there three of four
-   !> are left
+   !> Blocks of voxels across a layer of which half are too few for a comparison; three quarters
+   !> are kept there
    integer, parameter :: least_blocks = 4
-   !> Radius around a probe in which its quantity is compared, in spacings; at a multiple of half a
-   !> spacing rounding would decide which points are [-]
+   !> Radius around a probe in which its quantity is compared, in spacings; with a multiple of half
+   !> a spacing rounding would decide which points lie inside [-]
    real(wp), parameter :: vicinity = 1.1_wp
-   !> Part of the difference of all components of a stress there that each one has at least, of
-   !> solids: two twisted bars agreed in one component and were accepted 11 and 15 % off [-]
+   !> Least difference of each stress component there, relative to that of all components, in 3D:
+   !> two twisted bars agreed in one component and were accepted with errors of 11 and 15 % [-]
    real(wp), parameter :: share_around = 0.5_wp
-   !> Distance from which on the companion itself is looked at again [-]
+   !> Distance from which on the companion itself is solved again [-]
    real(wp), parameter :: suspect = 0.05_wp
 
-   !> An answer, and what a second solution beside it is made of
+   !> An answer, and the data for a second solution beside it
    type :: solved_type
       !> Its problem
       class(discretisation_type), pointer :: problem => null()
       !> Its deck
       type(deck_type), pointer :: deck => null()
-      !> Points of the model file, where the deck wants one
+      !> Points of the model file, where the deck uses one
       type(cloud_type), pointer :: model => null()
       !> Receiver of the caller, asked whether to stop
       class(recorder_type), pointer :: receiver => null()
@@ -76,24 +76,24 @@ module rk_companion
       real(wp), allocatable :: x(:, :)
    end type solved_type
 
-   !> What the second solution says
+   !> Results of the second solution
    type :: companion_type
       !> Why there is none; not allocated where there is one
       character(len=:), allocatable :: why_not
-      !> There should be one, but it failed
+      !> A second solution was due, but failed
       logical :: missed = .false.
       !> Its form
       character(len=:), allocatable :: method
-      !> What it is beside the answer: fewer_points, more_points, which are the better answer of the
-      !> two, another_form or twice_fewer
+      !> How it differs from the answer: fewer_points, more_points, which are the better answer of
+      !> the two, another_form or twice_fewer
       integer :: kind = fewer_points
       !> Its source points or blocks along each direction, in words; not allocated where they are
       !> those of the answer
       character(len=:), allocatable :: lattice
-      !> So few in some direction that it may be much farther off than the answer
+      !> So few in some direction that its error may be much larger than that of the answer
       logical :: coarse = .false.
-      !> Beside an answer of few cells, with more points in some direction: its last state is no
-      !> stable equilibrium. With a cell or two across a body locks in bending and seems stable
+      !> Beside an answer of few cells, with more points in some direction: its last state is not a
+      !> stable equilibrium. A body with one or two cells across locks in bending and seems stable
       logical :: unstable = .false.
       !> Source points and unknowns
       integer :: points = 0
@@ -102,10 +102,10 @@ module rk_companion
       real(wp) :: seconds = 0.0_wp
       !> Probes
       type(bars_type) :: seen
-      !> Largest norm of the difference of the displacements, of the largest of the displacements,
-      !> beside the same form at least a tenth of what the stress would make of a free body [-]
+      !> Largest norm of the difference of the displacements over the largest of the displacements,
+      !> which is for the same form at least a tenth of that of a free body under the stress [-]
       real(wp) :: distance = 0.0_wp
-      !> Tissue that has most of that difference, of several; 0 where none has more than half of it
+      !> Tissue with most of that difference, of several; 0 where none has more than half of it
       integer :: tissue = 0
       !> Root mean square of that difference over the volume, the largest of all loads [length]
       real(wp) :: difference = 0.0_wp
@@ -126,7 +126,7 @@ module rk_companion
 
 contains
 
-!> Solve the companion of an answer and look at the same probes
+!> Solve the companion of an answer and evaluate the same probes
 subroutine solve_companion(self, answer, bars)
    type(companion_type), intent(out) :: self
    type(solved_type), intent(in) :: answer
@@ -157,18 +157,18 @@ subroutine solve_companion(self, answer, bars)
    end if
    if (.not. self%missed .or. opposite /= softly) return
    if (answer%receiver%stopped()) return
-   ! points that hold did not converge: the penalty alone is compared
+   ! with exact values at points it did not converge: the penalty alone is compared
    self%missed = .false.
    deallocate (self%why_not)
    call solve_beside(self, answer, words//softly)
 end subroutine solve_companion
 
 !> Of two companions take the probes that are farther from an answer, moved away by the difference
-!> of the two: fewer points may make a body as much too stiff as the penalty makes it too soft, and
-!> then only this difference shows the error at singular rims
+!> of the two: fewer points may make a body too stiff by as much as the penalty makes it too soft,
+!> and then only this difference shows the error at singular rims
 subroutine take_farther(self, other, bars)
    type(companion_type), intent(inout) :: self
-   !> On the same points by the other boundary method
+   !> Companion on the same points by the other boundary method
    type(companion_type), intent(in) :: other
    !> Probes of the answer
    type(bars_type), intent(in) :: bars
@@ -184,11 +184,11 @@ subroutine take_farther(self, other, bars)
    self%seconds = self%seconds + other%seconds
 end subroutine take_farther
 
-!> Solve a deck with other words than an answer's, and look at the same probes
+!> Solve the deck of an answer with overrides, and evaluate the same probes
 subroutine solve_beside(self, answer, words)
    type(companion_type), intent(inout) :: self
    type(solved_type), intent(in) :: answer
-   !> What is changed in its deck, an override a line
+   !> Overrides of its deck, a line each
    character(len=*), intent(in) :: words
    type(deck_type) :: other
    type(scene_type), target :: scene
@@ -248,11 +248,11 @@ subroutine choose_companion(self, scene, deck, words)
    integer, allocatable :: source(:), other(:)
    integer :: steps
 
-   ! all planned states of a programme are compared, of a ramp the last one
+   ! all planned states of a programme are compared, but only the last one of a ramp
    steps = 1
    if (scene%programme%count() > 1) steps = scene%load%steps
    words = 'load.steps='//to_text(steps)//nl//'load.max_halvings='//to_text(halvings)//nl
-   ! exact values make a body stiffer and the penalty makes it softer: what the method changes shows
+   ! exact values make a body stiffer, the penalty makes it softer: this shows the method's effect
    if (scene%galerkin%essential == 'transformation') words = words//softly
    if (index(scene%method, 'rkcm') == 1) then
       self%kind = another_form
@@ -263,14 +263,14 @@ subroutine choose_companion(self, scene, deck, words)
       self%method = 'rkpm-scni'
       if (allocated(scene%cloud%lattice)) self%method = 'rkpm-gauss'
       words = words//'scene.method='//self%method//nl
-      ! on few cells the weak form is as far off as the answer, and to the same side
+      ! on few cells the error of the weak form has the size and sign of that of the answer
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
          if (any(scene%cloud%lattice <= least_cells)) then
             self%lattice = list(2*scene%cloud%lattice - 1)//' points'
             call lattice_words(deck, 2*scene%cloud%lattice - 1, words)
          end if
       end if
-      ! in the plane stresses at the surface are 0.3 % off instead of 10 % at little cost
+      ! in 2D the error of stresses at the surface is 0.3 % instead of 10 % at little cost
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
          words = words//'approximation.kernel=quintic'//nl//'approximation.order=2'//nl &
             & //'approximation.support=3'//nl//'galerkin.gauss='//merge('3', '2', &
@@ -286,7 +286,7 @@ subroutine choose_companion(self, scene, deck, words)
          self%why_not = 'the model has no voxels to make fewer blocks of'
          return
       end if
-      ! nodal cells err by the stairs of the surface, which fewer of them do not show
+      ! nodal cells have errors from the stepped surface that fewer of them do not reveal
       self%method = 'rkpm-gauss'
       call fewer_blocks(scene%cloud, other)
       words = words//'scene.method='//self%method//nl//'geometry.blocks='//list(other)//nl
@@ -306,15 +306,15 @@ subroutine choose_companion(self, scene, deck, words)
    if (allocated(scene%motion) .and. any(other > source)) words = words//'dynamics.time_step=' &
       & //to_text(0.5_wp*scene%motion%time_step, 17)//nl//'dynamics.every=' &
       & //to_text(2*scene%motion%every)//nl
-   ! with more points both ways come too near each other, and a search from points that were given
-   ! would pay for what its answer lacks; in space only few cells agree by chance, and bars of more
-   ! would double; few points in a narrow set of one's own hold too little
+   ! with more points both methods come too close to each other, and a search from given points
+   ! would pay for what its answer lacks; in 3D only few cells agree by chance, and the bars of more
+   ! would double; few points in a narrow user-defined set constrain too little
    if (can_hold(scene) .and. (scene%cloud%nd == 2 .or. self%coarse .and. all(other < source)) &
       & .and. .not. (holds_part(scene) &
       & .or. self%kind == more_points .or. deck%has('refine'))) words = words//exactly
 end subroutine choose_companion
 
-!> Whether displacements that the penalty prescribes can hold exactly as well
+!> Whether displacements prescribed by the penalty can also be enforced exactly
 pure logical function can_hold(scene)
    type(scene_type), intent(in) :: scene
 
@@ -348,7 +348,7 @@ subroutine fewer_blocks(cloud, other)
       & merge(other + 1, other - 1, thin .and. other < blocks)
 end subroutine fewer_blocks
 
-!> Add overrides that put a deck on another lattice, with collocation points to match
+!> Add overrides that give a deck another lattice, with matching collocation points
 subroutine lattice_words(deck, source, words)
    !> Deck of a box or an annulus
    type(deck_type), intent(in) :: deck
@@ -373,11 +373,11 @@ subroutine lattice_words(deck, source, words)
    if (sides /= '') words = words//'geometry.graded=['//sides//']'//nl
 end subroutine lattice_words
 
-!> Half as many cells in a direction; twice as many where there are too few to tell
+!> Half as many cells in a direction; twice as many where there are too few for a comparison
 elemental integer function other_number(source, order) result(points)
    !> Source points in this direction
    integer, intent(in) :: source
-   !> Order of the basis, which needs more points than that
+   !> Order of the basis, which needs more points than its order
    integer, intent(in) :: order
 
    associate (cells => source - 1)
@@ -393,7 +393,7 @@ pure integer function list_length(values)
    list_length = len(to_text(values)) - size(values) + 1
 end function list_length
 
-!> Integers as a deck writes them
+!> Integers in the notation of a deck
 pure function list(values) result(text)
    integer, intent(in) :: values(:)
    character(len=list_length(values)) :: text
@@ -402,7 +402,7 @@ pure function list(values) result(text)
    text(len(text):) = ']'
 end function list
 
-!> Probes of the companion, and how far the displacements are from those of the answer
+!> Probes of the companion, and the distance of its displacements from those of the answer
 subroutine look(self, problem, run, answer, error)
    type(companion_type), intent(inout) :: self
    !> Its problem
@@ -432,8 +432,8 @@ subroutine look(self, problem, run, answer, error)
          associate (probe => problem%scene%probe(i))
             near(:, i) = [(norm2(cloud%points(:, ip) - probe%point(:cloud%nd)), ip=1, &
                & size(nearest))] < vicinity*cloud%mean_spacing() .and. probe%at_a_place()
-            ! nodal cells have one stress each: halfway between two it is that of either one, and
-            ! of the other in a mirror
+            ! nodal cells have one stress each: halfway between two it is that of either one, and in
+            ! a mirrored body that of the other
             if (first%scene%method /= 'rkpm-gauss' &
                & .and. quantity_kind(probe%quantity) /= 'length') near(:, i) = .false.
          end associate
@@ -469,15 +469,15 @@ subroutine look(self, problem, run, answer, error)
                & = of_tissue(problem%scene%tissue_of(ip)) + off
             total = total + cloud%volume(ip)*max(sum(u(:n, 1)**2), sum(local%u(:n)**2))
          end do
-         ! where a body is held all round hardly anything moves, and a difference of nothing means
-         ! nothing: as that of a probe, the size is at least a tenth of that of its kind. Off
-         ! equilibrium collocation may have the right stress, and its displacements alone show it
+         ! a body constrained all round hardly moves, and a ratio of two small numbers means
+         ! nothing: as for probes, the size is at least a tenth of that of its kind. Off
+         ! equilibrium collocation may have the right stress; only its displacements are wrong
          if (self%kind /= another_form) total = max(total, sum(cloud%volume) &
             & *(share_of_kind*self%seen%strained(k))**2)
          most = max(most, [difference, total])
          self%difference = max(self%difference, sqrt(difference/sum(cloud%volume)))
          do i = 1, size(near, 2)
-            ! in space two solutions agree in one component of a stress where others differ
+            ! in 3D two solutions may agree in one component of a stress where others differ
             if (cloud%nd == 3 .and. index(problem%scene%probe(i)%quantity, 'cauchy') == 1) &
                & self%around(:, i, k) = max(self%around(:, i, k), share_around**2*apart(i))
             self%around(:, i, k) = sqrt(self%around(:, i, k) &
@@ -491,7 +491,7 @@ subroutine look(self, problem, run, answer, error)
    self%tissue = findloc(of_tissue > 0.5_wp*sum(of_tissue), .true., dim=1)
 end subroutine look
 
-!> Without a step so far
+!> Begin without any step
 subroutine begin(self, n, receiver)
    class(kept_run), intent(inout) :: self
    !> Unknowns
@@ -504,7 +504,7 @@ subroutine begin(self, n, receiver)
    allocate (self%run%step(0), self%run%iteration(0), self%run%x(n, 0))
 end subroutine begin
 
-!> Keep an iteration of a run that is kept as a whole
+!> Keep an iteration if the whole run is kept
 subroutine iteration(self, it)
    class(kept_run), intent(inout) :: self
    type(iteration_type), intent(in) :: it

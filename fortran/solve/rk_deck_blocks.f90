@@ -1,15 +1,16 @@
 !> Blocks of voxels whose corners are the source points of a model.
 !>
-!> The deck says how many there are, or its distance of source points does. Where neither was chosen
-!> that distance is two voxels, and directions in which a tissue or the body has too few blocks
-!> across take single voxels instead, as long as the blocks do not become too many. Layers of
-!> tissues shear along each other from the held ends on: where there are several, z takes them as
-!> well.
+!> Their number is given in the deck, or by its distance of source points. Where neither is given
+!> that distance is two voxels, and single voxels are used instead in directions in which a tissue
+!> or the body has too few blocks across, as long as the blocks do not become too many. Layers of
+!> tissues shear along each other from the constrained ends on: where there are several, single
+!> voxels are used along z too.
 !>
-!> A lattice covers the body, and each of its cells that holds voxels has its corners for source
-!> points, of which those at the surface lie on it or beyond. Source points in the middle of voxels
-!> end half a spacing inside, and linear functions continued from there make a body that bends too
-!> stiff: a bracket with four of them across its arms moved 7 % too little, 0.2 % with the corners.
+!> A lattice covers the body, and the corners of each of its cells that contains voxels are source
+!> points; those at the surface lie on it or outside. Source points at the centres of voxels end
+!> half a spacing inside, and linear functions continued from there make a body too stiff in
+!> bending: a bracket with four of them across its arms moved 7 % too little, 0.2 % with the
+!> corners.
 module rk_deck_blocks
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -20,16 +21,16 @@ module rk_deck_blocks
 
    public :: put_corners, finer_directions
 
-   !> Blocks across a layer that are enough
+   !> Sufficient number of blocks across a layer
    integer, parameter :: enough_blocks = 4
-   !> Blocks up to which they become finer by themselves: a minute with the second solution
+   !> Number of blocks up to which they are refined by default: a minute with the second solution
    integer, parameter :: most_blocks = 5000
-   !> Ratios that differ by less are the same [-]
+   !> Ratios that differ by less count as equal [-]
    real(wp), parameter :: same = 1.0e-6_wp
 
 contains
 
-!> Put the source points at the corners of blocks where the form has them there
+!> Put the source points at the corners of blocks where the form needs them there
 subroutine put_corners(cloud, deck)
    !> Points of the model file
    type(cloud_type), intent(inout) :: cloud
@@ -43,8 +44,7 @@ subroutine put_corners(cloud, deck)
    call corner_sources(cloud, blocks, finer_directions(cloud, deck))
 end subroutine put_corners
 
-!> Directions in which blocks are single voxels, since layers are thin and nobody chose another
-!> distance
+!> Directions in which blocks are single voxels, since layers are thin and no distance was given
 function finer_directions(cloud, deck) result(finer)
    !> Points of the model file
    type(cloud_type), intent(in) :: cloud
@@ -63,19 +63,19 @@ function finer_directions(cloud, deck) result(finer)
    finer(3) = any(finer) .and. (finer(3) .or. any(cloud%label /= cloud%label(1)))
    do while (any(finer) .and. size(cloud%label)/product(real(merge(1, ratio, finer), wp)) &
       & > most_blocks)
-      ! the thickest layers can do without
+      ! the thickest layers need it least
       finer = finer .and. thickness < maxval(thickness, mask=finer)
    end do
 end function finer_directions
 
 !> Put the source points at the corners of blocks, about as large as their spacing unless a number
-!> or single voxels are wanted; the ends of the body are planes of their lattice
+!> or single voxels are requested; the ends of the body are planes of their lattice
 subroutine corner_sources(cloud, blocks, single)
    !> Points of a model of voxels
    type(cloud_type), intent(inout) :: cloud
-   !> Blocks along each direction, shape (3); empty if none are wanted
+   !> Blocks along each direction, shape (3); empty if none are given
    integer, intent(in) :: blocks(:)
-   !> Directions in which each voxel is a block if no number is wanted, shape (3)
+   !> Directions in which each voxel is a block if no number is given, shape (3)
    logical, intent(in) :: single(3)
    integer :: low(3), n(3), cells(3), corner(3), i, ip, k
    logical, allocatable :: taken(:, :, :)
@@ -83,7 +83,7 @@ subroutine corner_sources(cloud, blocks, single)
 
    low = minval(cloud%voxels%index, dim=2)
    n = maxval(cloud%voxels%index, dim=2) - low + 1
-   ! none is smaller than a voxel; two and a half are three, whatever rounding leaves of the half
+   ! none is smaller than a voxel; two and a half are rounded up to three despite rounding errors
    cells = nint((1.0_wp + same)*min(real(n, wp), max(1.0_wp, &
       & n*cloud%voxels%size/minval(cloud%spacing, dim=2))))
    where (single) cells = n

@@ -1,5 +1,5 @@
 !> From a checked deck to boundary sets that are parts of the surface, to conditions on sets, and to
-!> probes at points and on sets with what they are compared with.
+!> probes at points and on sets with their exact and reference values.
 module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -215,7 +215,7 @@ subroutine read_region(region, scene, deck, at, error)
    if (deck%has(at//'.on')) then
       call deck%get(at//'.on', k)
       if (any(scene%tissue%part%given())) then
-         ! labels of points would put the border half way between these
+         ! labels of points would put the border half way between the points
          region%tissue = scene%tissue(k:)%part
       else if (size(scene%tissue) > 1) then
          region%label = scene%tissue(k)%label

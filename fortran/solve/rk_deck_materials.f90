@@ -1,4 +1,4 @@
-!> From the tables [[material]] of a checked deck to materials, and which one fills which point.
+!> From the tables [[material]] of a checked deck to materials and their assignment to points.
 module rk_deck_materials
    use rk_deck, only : deck_type
    use rk_deck_regions, only : label_regions
@@ -14,7 +14,7 @@ module rk_deck_materials
 
 contains
 
-!> Materials, and which one fills which point
+!> Materials and their assignment to points
 subroutine read_materials(scene, deck, error)
    !> Scene with points
    type(scene_type), intent(inout) :: scene
@@ -55,7 +55,7 @@ subroutine read_materials(scene, deck, error)
    end if
 end subroutine read_materials
 
-!> A material: its law, the points that it fills, its fibers and what drives them
+!> A material: its law, its points, its fibers and their activation
 subroutine read_tissue(scene, k, deck, regions, material_of, error)
    type(scene_type), intent(inout) :: scene
    !> Number of the material
@@ -135,7 +135,7 @@ subroutine set_parts(scene, material_of, deck, error)
    end do
 end subroutine set_parts
 
-!> Give a material to what has its label
+!> Assign a material to points or fractions with its label
 pure subroutine fill_points(material_of, label, k, tissue, by_label)
    !> Material of each point or fraction
    integer, intent(inout) :: material_of(:)
@@ -153,7 +153,7 @@ pure subroutine fill_points(material_of, label, k, tissue, by_label)
    end if
 end subroutine fill_points
 
-!> Activation of a muscle: its own, or what holds for all
+!> Activation of a muscle: its own, or that of all muscles
 subroutine read_activation(scene, deck, at, k, error)
    !> Scene with its programme and load
    type(scene_type), intent(inout) :: scene
@@ -162,7 +162,7 @@ subroutine read_activation(scene, deck, at, k, error)
    character(len=*), intent(in) :: at
    !> Tissue
    integer, intent(in) :: k
-   !> Error handling: none to grow, or one outside of 0 to 1
+   !> Error handling: no activation to grow, or one outside of 0 to 1
    type(error_type), allocatable, intent(inout) :: error
    character(len=:), allocatable :: key
    real(wp) :: range(2)
@@ -171,7 +171,7 @@ subroutine read_activation(scene, deck, at, k, error)
       tissue%activation = scene%load%activation
       call deck%get(at//'.activation', tissue%activation)
       call deck%get(at//'.activation', tissue%level)
-      ! an expression says all of it
+      ! an expression gives the whole activation
       if (tissue%level%given()) tissue%activation = 1.0_wp
       tissue%amplitude = scene%load%amplitude
       call deck%get(at//'.amplitude', tissue%amplitude)
@@ -192,7 +192,7 @@ subroutine read_activation(scene, deck, at, k, error)
    end associate
 end subroutine read_activation
 
-!> Uniform fiber direction of a material, empty where the model's directions hold
+!> Uniform fiber direction of a material, empty where the model's directions apply
 subroutine read_direction(deck, at, nd, direction)
    type(deck_type), intent(in) :: deck
    character(len=*), intent(in) :: at

@@ -1,7 +1,7 @@
 !> Materials in parts of a box or an annulus, given by expressions in coordinates: labels of the
 !> points, and fractions of the materials where a border cuts through the volume of a
-!> point. In boxes with Gauss points borders may be planes across the axes and nothing else: these
-!> are found, and the fractions are not wanted there.
+!> point. In boxes with Gauss points borders may only be planes across the axes: these are
+!> found, and the fractions are not needed there.
 module rk_deck_regions
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -17,14 +17,14 @@ module rk_deck_regions
 
    public :: label_regions
 
-   !> Places in each direction at which the volume of a point is looked at where a border cuts it
+   !> Number of sampling places in each direction of the volume of a point where a border cuts it
    integer, parameter :: samples = 6
    !> Halvings of the way between two of them in the search for a border
    integer, parameter :: bisections = 12
 
 contains
 
-!> Label each point by its material, of which later ones replace earlier ones
+!> Label each point by its material; later materials replace earlier ones
 subroutine label_regions(scene, deck, error)
    !> Points of a box or an annulus, and materials with their parts
    type(scene_type), intent(inout) :: scene
@@ -54,7 +54,7 @@ subroutine fill_points(cloud, tissue, deck, error)
 
    call lattice_frame(cloud, low, step)
    high(:cloud%nd) = low(:cloud%nd) + step(:cloud%nd)*(cloud%lattice - 1)
-   ! that of the collocation points
+   ! spacing of the collocation points
    step(:cloud%nd) = (high(:cloud%nd) - low(:cloud%nd))/maxval(cloud%place, dim=2)
    if (allocated(cloud%fraction)) deallocate (cloud%fraction)
    allocate (cloud%fraction(size(tissue), size(cloud%points, 2)), source=0.0_wp)
@@ -63,7 +63,7 @@ subroutine fill_points(cloud, tissue, deck, error)
       call fill(ip)
       if (allocated(error)) return
    end do
-   ! volumes of source points hold those of several points: borders between these are mixed as well
+   ! volumes of source points contain those of several points: borders between these are mixed too
    if (all(cloud%label == cloud%label(1)) .and. all(maxval(cloud%fraction, dim=1) >= 1.0_wp)) &
       & deallocate (cloud%fraction, cloud%fraction_label)
 
@@ -121,9 +121,9 @@ contains
       end do
    end function is_whole
 
-   !> Parts of a volume that are seen at some places in each direction. Between places that differ
-   !> along the direction with most such pairs the border is searched for: places alone would leave
-   !> an interface unknown by a twelfth of the spacing
+   !> Parts of a volume sampled at some places in each direction. Between places that differ along
+   !> the direction with most such pairs the border is located by bisection: places alone would
+   !> leave an interface uncertain by a twelfth of the spacing
    subroutine look(from, to)
       real(wp), intent(in) :: from(3), to(3)
       integer :: seen(samples**cloud%nd), pairs(cloud%nd), d, i, next
@@ -172,7 +172,7 @@ contains
       end do
    end function place
 
-   !> Volume of a place beside that of others
+   !> Volume of a place relative to that of others
    pure real(wp) function weight(q)
       real(wp), intent(in) :: q(3)
 
@@ -204,7 +204,7 @@ contains
       material_in = material_at(place_at(cloud, q(:cloud%nd)))
    end function material_in
 
-   !> Last material whose part of the body holds a place
+   !> Last material whose part of the body contains a place
    integer function material_at(x) result(found)
       real(wp), intent(in) :: x(:)
 

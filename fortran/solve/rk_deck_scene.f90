@@ -1,7 +1,7 @@
 !> From a checked deck to a scene.
 !>
-!> What the deck alone determines was checked while it was read; here come the complaints that need
-!> the points: unknown boundary sets, labels without points, directions that are missing.
+!> What depends on the deck alone was checked while it was read; errors that depend on the points
+!> are found here: unknown boundary sets, labels without points, missing directions.
 module rk_deck_scene
    use rk_cloud, only : check_cloud, cloud_type
    use rk_coefficients, only : set_essential_weight
@@ -118,7 +118,7 @@ subroutine read_geometry(cloud, deck, model, error)
    end select
 end subroutine read_geometry
 
-!> Sides of a model that the deck names
+!> Add the sides of a model that the deck names
 subroutine add_sides(cloud, deck)
    !> Points of the model
    type(cloud_type), intent(inout) :: cloud
@@ -186,13 +186,13 @@ subroutine read_approximation(scene, deck, error)
       if (scene%approximation%window /= window_polar) return
       call lattice_frame(cloud, low, step)
       scene%support(1, :) = basis%support(1)*step(1)
-      ! the same to the last bit all around
+      ! equal to the last bit all around
       scene%support(2, :) = basis%support(2)*step(2)*(low(1) + step(1) &
          & *nint((norm2(cloud%source, dim=1) - low(1))/step(1)))
    end associate
 end subroutine read_approximation
 
-!> Shape functions of a deck in words: coefficients belong to them
+!> Shape functions of a deck in words, to which coefficients belong
 subroutine get_approximation(deck, text)
    type(deck_type), intent(in) :: deck
    character(len=:), allocatable, intent(out) :: text
@@ -223,8 +223,8 @@ subroutine read_programme(programme, deck)
 end subroutine read_programme
 
 !> Weights of boundary rows beside equilibrium rows of weight 1. The residuals are stress over
-!> length, stress and length: balanced weights have the units that make the sum one of equals, so
-!> that no unit counts
+!> length, stress and length: balanced weights have units such that all terms of the sum have the
+!> same unit, so that the choice of units does not matter
 subroutine read_weights(scene, deck)
    !> Scene with points and method
    type(scene_type), intent(inout) :: scene

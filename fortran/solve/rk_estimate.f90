@@ -1,4 +1,4 @@
-!> What a deck will cost, from its counts alone.
+!> Estimated cost of a deck, from its counts alone.
 module rk_estimate
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
@@ -23,7 +23,7 @@ module rk_estimate
       real(wp) :: equations = 0.0_wp
       !> Neighbours of a point, inside the body
       real(wp) :: neighbours = 0.0_wp
-      !> Places of integration or rows, and source points that each of them shares
+      !> Places of integration or rows, and source points at each of them
       real(wp) :: places = 0.0_wp
       real(wp) :: members = 0.0_wp
       !> Entries of a tangent that is formed; 0 for least squares
@@ -36,12 +36,12 @@ module rk_estimate
       real(wp) :: flops = 0.0_wp
    end type estimate_type
 
-   !> Iterations of a solve by minimal residuals, as a block of 80,000 points needs them
+   !> Iterations of a solve by minimal residuals, as needed by a block of 80,000 points
    real(wp), parameter :: most_iterations = 600.0_wp
    !> Memory of the program before a problem, and of a point beside its neighbours [byte]
    real(wp), parameter :: of_libraries = 3.0e7_wp, of_point = 1700.0_wp
    !> Operations of UMFPACK's factors over those of a band's Cholesky factor: within a factor of 2
-   !> on boxes of 434 to 6338 unknowns in the plane and in space
+   !> on boxes of 434 to 6338 unknowns in 2D and 3D
    real(wp), parameter :: lu_over_cholesky = 10.0_wp
 
 contains
@@ -83,7 +83,7 @@ function estimate_cost(deck, model) result(self)
    self%neighbours = 1.0_wp
    reach = 1.0_wp
    do d = 1, self%nd
-      ! neighbours of a place, and the part of the body a source point shares places with
+      ! neighbours of a place, and the part of the body with which a source point shares places
       width = 2.0_wp*support(min(d, size(support)))
       self%neighbours = self%neighbours*(width - 0.5_wp)
       reach = min(reach, width/layers(d))
@@ -109,7 +109,7 @@ function estimate_cost(deck, model) result(self)
    self%places = self%nc + cells
    self%members = self%neighbours
 
-   ! neighbour lists both ways; coefficients of rows; values, at worst one stencil for each point
+   ! neighbour lists in both directions; row coefficients; values, at worst one stencil per point
    entries = (self%nc + cells)*self%neighbours
    self%bytes = 32.0_wp*entries + 8.0_wp*equations*fields*nq*(self%nc + boundary + cells)
    if (.not. deck%has('geometry.source')) self%bytes = self%bytes + 8.0_wp*nq*entries
@@ -173,7 +173,7 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
       & + 2*self%nd*product(ceiling(0.5_wp*(layers(:self%nd) - 1.0_wp)))
    self%equations = self%unknowns
    ! source points of a group of 2 x 2 (x 2) cells, and those coupled with one of them, at most and
-   ! in the mean: every second one shares one group with those on a side, and few lie beyond sides
+   ! on average: every second one shares one group with those on a side, and few lie beyond sides
    self%members = 1.0_wp
    coupled = 1.0_wp
    most = 1.0_wp
@@ -185,9 +185,9 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    end do
    ! unknowns of the layers that couple through a section, the band of the factor at worst
    band = self%unknowns*min(1.0_wp, 0.5_wp*(most**(1.0_wp/self%nd))/maxval(layers(:self%nd)))
-   ! neighbours and gradients at the points, materials and states; entries, of nodal cells twice for
-   ! their stabilisation; the factor, of half the digits in solids, beside rows of the
-   ! entries where not
+   ! neighbours and gradients at the points, materials and states; entries, for nodal cells twice
+   ! for their stabilisation; the factor, in single precision for solids, otherwise with rows of the
+   ! entries
    single = fields == 3 .and. factor <= 1.0_wp
    self%entries = 0.5_wp*fields**2*self%ns*coupled
    self%bytes = of_libraries + self%places*(self%neighbours*8.0_wp*(self%nd + 1.0_wp) + of_point) &
@@ -196,8 +196,8 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
       & + merge(4.0_wp*self%unknowns*band, 8.0_wp*(self%unknowns*band + self%entries), single)
    self%flops = merge(0.5_wp, factor, single)*self%unknowns*band**2
    if (displacements <= limit .or. (method == 'rkpm-gauss' .and. kind == 'annulus')) return
-   ! never formed: moduli, gradients at the points, the constant part of one component, matrices of
-   ! seven entries a point with their levels and vectors, and the work of an iteration through all
+   ! not formed: moduli, gradients at the points, the constant part of one component, matrices of
+   ! seven entries per point with their levels and vectors, and the work of an iteration over all
    ! points
    self%solver = 'minres'
    self%bytes = self%places*8.0_wp*(2.0_wp*81.0_wp + self%members*(3.0_wp*self%nd + 2.0_wp)) &

@@ -14,11 +14,11 @@ module rk_forecast
 
    public :: forecast_solve, forecast_bars
 
-   !> Iterations of a run and of each load step more, as the decks in inputs need them
+   !> Iterations of a run and of each further load step, as needed by the decks in inputs
    real(wp), parameter :: first_iterations = 3.0_wp, step_iterations = 3.0_wp
-   !> Points of the rule along each direction of a cell that measures the error of a known solution
+   !> Integration points along each direction of a cell for the error against a known solution
    integer, parameter :: norm_rule = 5
-   !> Operations of a matrix product that a count costs, fitted to the CPU times of eleven decks:
+   !> Cost of a count in operations of a matrix product, fitted to the CPU times of eleven decks:
    !> shape functions, assembly, factor of a tangent, least squares, entries of a tangent, fields of
    !> a state, error norms, an iteration or time step, start
    real(wp), parameter :: price(9) = [700.0_wp, 1000.0_wp, 0.85_wp, 1.4_wp, 1900.0_wp, 2.4e5_wp, &

@@ -1,6 +1,6 @@
 !> Bodies and parts of them that prescribed displacements and springs leave free to move as a whole.
-!> Shape functions do not reach across gaps, so each part must be held; and in statics a motion that
-!> nothing hinders has no answer, whatever the loads.
+!> Shape functions do not reach across gaps, so each part must be constrained; in statics there is
+!> no solution with an unconstrained rigid motion, whatever the loads.
 module rk_islands
    use rk_error, only : error_type, fatal_error, err_input
    use rk_precision, only : wp
@@ -11,7 +11,7 @@ module rk_islands
 
    public :: check_islands
 
-   !> A motion whose supported components move less than this share of the body's size is free [-]
+   !> Motion of supported components, relative to the body's size, below which a motion is free [-]
    real(wp), parameter :: free = 1.0e-5_wp
    !> Names of the axes
    character(len=1), parameter :: axis(3) = ['x', 'y', 'z']
@@ -79,9 +79,9 @@ subroutine check_islands(shape, link, place, point, supported, error)
 
 end subroutine check_islands
 
-!> Rigid motions that supported components do not hinder, in words; empty where there are none. The
-!> quadratic form of the motions of these components is eliminated motion by motion: where nothing
-!> is left of a pivot, that motion is free, together with what it takes of those before it.
+!> Rigid motions that supported components do not prevent, in words; empty where there are none. The
+!> quadratic form of the motions of these components is eliminated motion by motion: where a pivot
+!> vanishes, that motion is free, combined with the motions before it that the elimination gives.
 subroutine get_free_motions(place, supported, text)
    !> Boundary points, shape (nd, n) [length]
    real(wp), intent(in) :: place(:, :)
@@ -111,7 +111,7 @@ subroutine get_free_motions(place, supported, text)
          if (nd == 2) then
             row(3) = merge(-x(2), x(1), i == 1)
          else
-            ! component i of a turn about axis k: e_k x x
+            ! component i of a rotation about axis k: e_k x x
             row(4 + modulo(i, 3)) = x(1 + modulo(i + 1, 3))
             row(4 + modulo(i + 1, 3)) = -x(1 + modulo(i, 3))
          end if
@@ -164,7 +164,7 @@ subroutine append_direction(text, v)
    end if
 end subroutine append_direction
 
-!> Representative of a source point's part; paths are halved on the way
+!> Representative of a source point's part, with path halving
 integer function part_of(part, is)
    !> Next member towards the representative, shape (ns)
    integer, intent(inout) :: part(:)

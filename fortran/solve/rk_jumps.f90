@@ -12,31 +12,31 @@ module rk_jumps
 
    public :: find_jumps
 
-   !> Jump that counts, of the larger coefficient [-]
+   !> Smallest relevant jump, relative to the larger coefficient [-]
    real(wp), parameter :: least_jump = 1.0e-2_wp
-   !> Lines of a cell in each direction across an axis, and places on them; the lines lie off its
-   !> middle, since bodies are symmetric about that
+   !> Lines of a cell in each direction across an axis, and places on them; the lines avoid its
+   !> middle, since bodies are symmetric about it
    integer, parameter :: lines = 2, samples = 12
    real(wp), parameter :: off_middle = 0.382_wp
-   !> Halvings of the way between two places, which find a plane to rounding; most planes across an
-   !> axis
+   !> Bisections between two places, which find a plane to rounding; largest number of planes across
+   !> an axis
    integer, parameter :: bisections = 40, most_planes = 8
-   !> Distance from a line, of that between two, in which a plane goes on to one side at least [-]
+   !> Distance from a line, relative to that between lines, to which a plane extends on a side [-]
    real(wp), parameter :: beside = 0.3_wp
-   !> Spacings between two planes across an axis at least: a sheet of 0.04 between plates a hundred
-   !> times as stiff was sheared four times too stiffly, and sheets of 1.5 spacings are right to 2 %
+   !> Least spacings between two planes across an axis: a sheet of 0.04 between plates a hundred
+   !> times as stiff was four times too stiff in shear, and sheets of 1.5 spacings are right to 2 %
    real(wp), parameter :: least_gap = 1.5_wp
-   !> Planes that differ by less, in spacings, are the same, as those beside points: borders of a
-   !> map are known to a thousandth of a voxel, and thinner cells have no use [-]
+   !> Planes that differ by less, in spacings, count as one, and so do planes and points: borders of
+   !> a map are known to a thousandth of a voxel, and thinner cells have no use [-]
    real(wp), parameter :: same_place = 2.0e-3_wp
-   !> Thickness of a skin, in cells, that a kink of coefficients beneath it needs: with a source
+   !> Least thickness of a skin, in cells, for a kink of coefficients beneath it: with a source
    !> term in a box of 13 points a kink makes answers worse up to 0.5, and better from 0.8 on [-]
    real(wp), parameter :: least_skin = 0.5_wp
 
 contains
 
-!> Give the shape functions of a scene kinks where what it is made of jumps across planes, or note
-!> that it jumps elsewhere
+!> Give the shape functions of a scene kinks where materials or coefficients jump across planes, or
+!> record that they jump elsewhere
 subroutine find_jumps(scene, error)
    !> Scene on a lattice, with the parts of its materials or the coefficients of a linear problem
    type(scene_type), intent(inout) :: scene
@@ -66,7 +66,7 @@ subroutine find_jumps(scene, error)
          from = line(i)
          do k = 1, n
             from(d) = low(d) + (k - 1)*width
-            ! the end of a part is the beginning of the next one to the last bit
+            ! the end of a part equals the beginning of the next one to the last bit
             call look_between(from, low(d) + k*width)
             if (allocated(error)) return
             if (elsewhere) then
@@ -78,7 +78,7 @@ subroutine find_jumps(scene, error)
    end do
    if (size(plane) == 0) return
    scene%thin_layers = too_close(axis, plane, step)
-   ! layers of tissues in the plane know the way across them; in space nothing better is at hand
+   ! in 2D layers of tissues resolve the direction across them; in 3D there is nothing better
    if (.not. by_coefficients .and. nd == 2) then
       if (scene%thin_layers .or. (scene%cloud%polar .and. any(axis == 2))) then
          scene%thin_layers = .false.
@@ -122,7 +122,7 @@ contains
          before = jump(place, a, middle)
          after = jump(place, middle, b)
          if (allocated(error)) return
-         ! a change that parts share is no jump
+         ! a change that divides between the halves is not a jump
          if (.not. max(before, after) > least_jump) return
          if (before >= after) then
             b = middle
@@ -130,7 +130,7 @@ contains
             a = middle
          end if
       end do
-      ! a plane through points lies there to the last bit
+      ! a plane through points passes through them to the last bit
       middle = point(d, minloc(abs(point(d, :) - b), dim=1))
       if (abs(b - middle) < same_place*step(d)) b = middle
       ! on the surface
@@ -144,8 +144,8 @@ contains
       elsewhere = count(axis == d) > most_planes
    end subroutine look_between
 
-   !> Largest difference of the coefficients between two places on a line, of the larger ones; one
-   !> where they have two materials [-]
+   !> Largest difference of the coefficients between two places on a line, relative to the larger
+   !> ones; one where they have different materials [-]
    real(wp) function jump(place, a, b)
       !> A place on the line
       real(wp), intent(in) :: place(:)
@@ -170,7 +170,7 @@ contains
       if (part(1) /= part(2)) jump = 1.0_wp
    end function jump
 
-   !> Whether the jump at a place is one of a plane: it goes on to one side of the line at least
+   !> Whether the jump at a place is that of a plane: it extends to at least one side of the line
    logical function goes_on(place, at)
       real(wp), intent(in) :: place(:), at
       real(wp) :: x(nd), near
@@ -192,8 +192,8 @@ contains
 
 end subroutine find_jumps
 
-!> Whether two planes leave fewer spacings between them than two kinks need: what lies between would
-!> be as stiff as what lies around it
+!> Whether two planes are closer than two kinks allow: the layer between them would be as stiff as
+!> its surroundings
 pure logical function too_close(axis, plane, spacing)
    !> Axis across each plane, and its place, shape (n) [length]
    integer, intent(in) :: axis(:)

@@ -51,11 +51,11 @@ subroutine new_problem(problem, scene, error)
       & //'side free')
 end subroutine new_problem
 
-!> Whether a body whose volume cannot change has its volume prescribed: no normal displacement of
-!> its surface is free
+!> Whether the volume of an incompressible body is prescribed: no normal displacement of its surface
+!> is free
 pure logical function keeps_volume(scene, boundary)
    type(scene_type), intent(in) :: scene
-   !> What is prescribed
+   !> Prescribed components
    type(boundary_type), intent(in) :: boundary
    integer :: b, e, k
 

@@ -1,12 +1,12 @@
-!> More source points where they pay, until probes are known well enough or the cost is too high.
+!> Refinement of source points where it pays, until probes are accurate enough or the cost too high.
 !>
-!> A scene is solved, and a companion on half as many cells gives bars. Where they are too wide,
-!> one more solution with half as many cells in a single direction tells how much of them comes
-!> from there. Errors fall like the square of the spacing, so that the cells which meet a wanted
-!> error with the fewest points make all directions err alike: the next lattice has them, with at
-!> most twice as many cells in a direction. Corners and clamped edges make errors fall more slowly;
-!> then one more lattice follows. The last solution of the search is the answer, whose run begins
-!> where it ended.
+!> A scene is solved, and a companion on half as many cells gives error bars. Where they are too
+!> wide, one more solution with half as many cells in a single direction shows how much of them
+!> comes from that direction. Errors fall like the square of the spacing, so that the fewest points
+!> for a target error give equal errors in all directions: the next lattice has these, with at most
+!> twice as many cells in a direction. At corners and clamped edges errors fall more slowly; then
+!> one more lattice follows. The last solution of the search is the answer, whose run begins where
+!> the search ended.
 module rk_refine
    use rk_bars, only : bars_by_earlier, bars_by_other, bars_type, new_bars
    use rk_clock, only : timer_type
@@ -29,11 +29,11 @@ module rk_refine
 
    public :: refinement_type, limited_type, refine, refined_before
 
-   !> Order of the bars in the spacing that is counted on
+   !> Assumed order of the bars in the spacing
    real(wp), parameter :: order = 2.0_wp
-   !> A probe is also known this well, or to the target if that is larger, relative to a tenth of
-   !> its kind, and to the largest probe of it: three tenths of the mean stress alone leave a fifth
-   !> of a small one open [-]
+   !> Error of a probe, or the target if that is larger, that is also met relative to a tenth of its
+   !> kind, and to the largest probe of its kind: three tenths of the mean stress alone would leave
+   !> a fifth of a small stress uncertain [-]
    real(wp), parameter :: of_tenth = 0.05_wp
    !> Part of the target error that is aimed at, so that one more lattice is seldom needed [-]
    real(wp), parameter :: aim = 0.8_wp
@@ -41,21 +41,21 @@ module rk_refine
    real(wp), parameter :: most_growth = 2.0_wp
    !> Growth of all cells that is worth another solution where the cost allows no more
    real(wp), parameter :: least_growth = 1.3_wp
-   !> Power of the points with which the time of factors grows, plane and space: that of all grows
-   !> from a power of one towards it
+   !> Power of the points with which the time of factors grows, in 2D and 3D: that of the total time
+   !> grows from one towards it
    real(wp), parameter :: growth_of_factors(2:3) = [1.5_wp, 2.0_wp]
-   !> Lattices that are tried
+   !> Largest number of lattices that are tried
    integer, parameter :: most_levels = 12
 
-   !> What the search did
+   !> Results of the search
    type :: refinement_type
-      !> Wanted bar over the size of a probe; 0 where nothing was wanted [-]
+      !> Target bar over the size of a probe; 0 without a target [-]
       real(wp) :: wanted = 0.0_wp
-      !> The same as the beginning of a sentence on whether it is met
+      !> The target as the beginning of a sentence on whether it is met
       character(len=:), allocatable, private :: target
       !> The points are those of a search
       logical :: searched = .false.
-      !> It is met by the points that were found
+      !> The target is met by the points that were found
       logical :: met = .false.
       !> How it ended, in words
       character(len=:), allocatable :: reason
@@ -67,24 +67,24 @@ module rk_refine
       character(len=:), allocatable :: levels
       !> CPU time of the search [s]
       real(wp) :: seconds = 0.0_wp
-      !> CPU time that it may take, with the checks of its answer [s]
+      !> CPU time that it may take, including the checks of its answer [s]
       real(wp) :: cost = huge(1.0_wp)
-      !> Widest bar over the size of its probe that the answer has; negative where none is known [-]
+      !> Widest bar of the answer over the size of its probe; negative where none is known [-]
       real(wp) :: reached = -1.0_wp
-      !> Solution on the points that were found, or of the first ones as far as it came
+      !> Solution on the points that were found, or on the first ones as far as it converged
       type(start_type), allocatable :: start
-      !> Its second solution, or why there is none, and its bars, which know the points before
+      !> Its second solution, or why there is none, and its bars, which account for earlier points
       type(companion_type), allocatable :: companion
       type(bars_type), allocatable :: bars
    contains
-      !> What the answer has of what was wanted
+      !> How well the answer meets the target
       procedure :: look_back
       procedure :: limited
    end type refinement_type
 
-   !> Receiver that ends every solution of a search when its cost is used up
+   !> Receiver that stops every solution of a search when its cost is used up
    type, extends(recorder_type) :: limited_type
-      !> CPU time at which solutions are given up [s]
+      !> CPU time at which solutions are stopped [s]
       real(wp) :: deadline = huge(1.0_wp)
    contains
       procedure :: late, stopped
@@ -97,7 +97,7 @@ subroutine refine(self, deck, model, receiver, error)
    type(refinement_type), intent(out) :: self
    !> Deck, replaced by one with the points that were found
    type(deck_type), target, intent(inout) :: deck
-   !> Points of the model file, where the deck wants one
+   !> Points of the model file, where the deck uses one
    type(cloud_type), target, intent(in) :: model
    !> Receiver of the caller, which gets a note of each lattice and may stop the search
    class(recorder_type), target, intent(inout) :: receiver
@@ -154,7 +154,7 @@ subroutine refine(self, deck, model, receiver, error)
             & growth)
          bar = relative(bars, self%wanted)
          worst = maxval(bar)
-         ! what voxels leave open no blocks will close
+         ! the uncertainty due to voxels remains with any number of blocks
          left = bar - bars%open
          call forecast()
          if (another()) then
@@ -177,7 +177,7 @@ subroutine refine(self, deck, model, receiver, error)
          call cpu_time(now)
          self%seconds = now - start
          if (allocated(self%start)) then
-            ! the answer before stands
+            ! the earlier answer is kept
             self%reason = self%target//'not met: the next points, '//list(cells)//' cells, ' &
                & //'have no solution within refine.cost: '//error%message
             deallocate (error)
@@ -209,7 +209,7 @@ subroutine refine(self, deck, model, receiver, error)
          return
       end if
       next = next_cells(cells, share, left, aim*self%wanted)
-      ! blocks of as many voxels each: where they differ answers are worse than the bars tell
+      ! blocks of equal numbers of voxels: otherwise errors are larger than the bars
       if (allocated(scene%cloud%block)) next = divisor_from(next, limit)
       if (all(next == cells)) then
          self%reason = self%target//'not met: every voxel has its own source points; give a ' &
@@ -225,7 +225,7 @@ subroutine refine(self, deck, model, receiver, error)
             self%reason = self%reason//'have more unknowns than galerkin.direct_limit'
          end if
          if (allocated(scene%cloud%block)) return
-         ! as many as there may be, where they are worth another solution
+         ! as many points as possible, if they are worth another solution
          aimed = next
          do while (.not. possible(next))
             d = maxloc(real(next, wp)/aimed, dim=1, mask=next > cells)
@@ -249,7 +249,7 @@ subroutine refine(self, deck, model, receiver, error)
 contains
 
    !> End with the first points, whose answer has no second solution, or which have no answer: then
-   !> the run has the states that converged, and ends as they did
+   !> the run has the states that converged, and the error that stopped it
    subroutine end_at_first()
       if (allocated(answer%x)) then
          self%start = run
@@ -275,9 +275,9 @@ contains
       self%start = run
    end subroutine end_at_first
 
-   !> How long the solutions of this lattice took, and the power of the points with which this time
-   !> grows to the next one: half way from what the last two lattices showed to that of factors,
-   !> which alone is known of the first one
+   !> Time of the solutions on this lattice, and the power of the points with which this time grows
+   !> to the next one: the mean of that observed between the last two lattices and that of factors;
+   !> after the first lattice that of factors
    subroutine forecast()
       real(wp) :: seen
 
@@ -293,7 +293,7 @@ contains
       power = 0.5_wp*(power + min(power, max(1.0_wp, seen)))
    end subroutine forecast
 
-   !> Whether the cost allows another lattice after the solutions that tell where it needs points
+   !> Whether the cost allows another lattice after the solutions that show where it needs points
    logical function another()
       real(wp) :: sharing
 
@@ -310,7 +310,7 @@ contains
       possible = factorised(cells_then) .and. self%seconds + expected(cells_then) <= self%cost
    end function possible
 
-   !> Whether a lattice has no more unknowns than exact values allow, whose tangent is factorised
+   !> Whether a lattice has few enough unknowns for exact values, which need a factorised tangent
    logical function factorised(cells_then)
       !> Its cells, shape (nd)
       integer, intent(in) :: cells_then(:)
@@ -329,9 +329,9 @@ contains
 
 end subroutine refine
 
-!> What the bars of an answer say about the points of a search that is not repeated
+!> Whether the bars of an answer meet the target of an earlier search that is not repeated
 subroutine refined_before(self, deck, bars)
-   !> What is known of the search
+   !> Known results of the search
    type(refinement_type), intent(out) :: self
    !> Deck with a table refine
    type(deck_type), intent(in) :: deck
@@ -346,7 +346,7 @@ subroutine refined_before(self, deck, bars)
       & //'the run that is resumed'
 end subroutine refined_before
 
-!> What is wanted
+!> Read the target
 subroutine begin(self, deck)
    type(refinement_type), intent(inout) :: self
    type(deck_type), intent(in) :: deck
@@ -369,7 +369,7 @@ subroutine look_back(self, bars)
    end associate
 end subroutine look_back
 
-!> Refuse what has no lattice of cells and no second solution
+!> Refuse scenes without a lattice of cells or a second solution
 subroutine check(scene, deck, error)
    type(scene_type), intent(in) :: scene
    !> Its deck
@@ -393,12 +393,12 @@ subroutine check(scene, deck, error)
    call deck%complain('refine', complaint, error)
 end subroutine check
 
-!> Cells along each direction, and how many there may be
+!> Cells along each direction, and their upper limit
 subroutine cells_of(scene, cells, limit)
    type(scene_type), intent(in) :: scene
    !> Cells, shape (nd)
    integer, allocatable, intent(out) :: cells(:)
-   !> At most, shape (nd)
+   !> Upper limit, shape (nd)
    integer, allocatable, intent(out) :: limit(:)
 
    if (allocated(scene%cloud%lattice)) then
@@ -447,8 +447,8 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, c
    integer, intent(in) :: halvings
    !> All load steps, as far as they converged
    type(start_type), intent(out) :: run
-   !> What is compared: of a programme, which may end at rest, all of them, of a ramp the last one;
-   !> without unknowns where they did not converge
+   !> States that are compared: for a programme, which may end at rest, all of them, for a ramp the
+   !> last one; without unknowns where they did not converge
    type(solved_type), intent(out) :: answer
    type(companion_type), intent(out) :: companion
    type(bars_type), intent(out) :: bars
@@ -468,7 +468,7 @@ subroutine solve(problem, scene, deck, model, receiver, halvings, run, answer, c
    if (allocated(error)) return
    first = merge(1, size(run%step), scene%programme%count() > 1)
    answer = solved_type(problem, deck, model, receiver)
-   ! as arguments of the line above gfortran 12 loses them
+   ! gfortran 12 loses them as arguments of the line above
    answer%load = run%step(first:)%load
    answer%x = run%x(:, first:)
    call new_bars(bars, problem, answer%load, answer%x, error)
@@ -504,14 +504,14 @@ subroutine shares(answer, cells, bars, share)
          call get_words(answer%deck, scene%cloud, other, words)
          call solve_beside(companion, answer, words//steps)
          if (allocated(companion%why_not)) then
-            ! unknown: as much as all others
+            ! unknown: the same as the others
             share(d, :) = 1.0_wp
             cycle
          end if
          do i = 1, size(scene%probe)
             n = quantity_size(scene%probe(i)%quantity)
             share(d, i) = maxval(abs(bars%values(:n, i, :) - companion%seen%values(:n, i, :)))
-            ! with twice as many cells what is seen is a quarter of what half as many would show
+            ! with twice as many cells the change is a quarter of that with half as many
             if (other(d) > cells(d)) share(d, i) = 4.0_wp*share(d, i)
          end do
       end do
@@ -522,7 +522,7 @@ subroutine shares(answer, cells, bars, share)
    end associate
 end subroutine shares
 
-!> Bars over the sizes of their probes, of a programme over the largest on the way [-]
+!> Bars over the sizes of their probes, for a programme over the largest on the way [-]
 pure function relative(bars, wanted) result(bar)
    type(bars_type), intent(in) :: bars
    !> Target error [-]
@@ -539,7 +539,7 @@ pure function relative(bars, wanted) result(bar)
    end do
 end function relative
 
-!> Fewest cells with which all probes are known well enough, at most twice as many
+!> Fewest cells with which all probes are accurate enough, at most twice as many
 pure function next_cells(cells, share, bar, wanted) result(next)
    !> Cells, shape (nd)
    integer, intent(in) :: cells(:)
@@ -558,7 +558,7 @@ pure function next_cells(cells, share, bar, wanted) result(next)
    do i = 1, size(bar)
       if (bar(i) <= wanted) cycle
       part = bar(i)*share(:, i)
-      ! directions that err less than their part keep their cells, and leave more to the others
+      ! directions with errors below their part keep their cells and leave more to the others
       grows = .true.
       do d = 1, size(cells)
          left = (wanted - sum(part, mask=.not. grows))/count(grows)
@@ -574,9 +574,9 @@ pure function next_cells(cells, share, bar, wanted) result(next)
    where (next > cells) next = 2*((next + 1)/2)
 end function next_cells
 
-!> Smallest divisor of a number from another number on
+!> Smallest divisor of a number that is not below another number
 elemental integer function divisor_from(least, number) result(divisor)
-   !> From where on
+   !> Lower limit
    integer, intent(in) :: least
    !> Number, itself the largest divisor
    integer, intent(in) :: number
@@ -587,7 +587,7 @@ elemental integer function divisor_from(least, number) result(divisor)
    divisor = number
 end function divisor_from
 
-!> Receiver for what is still solved at the cost of a search
+!> Receiver for further solutions within the cost of a search
 function limited(self, receiver) result(within)
    class(refinement_type), intent(in) :: self
    !> Receiver of the caller
@@ -609,7 +609,7 @@ logical function late(self)
    late = now > self%deadline
 end function late
 
-!> Whether a solution is to end: the cost is used up, or the caller wants to stop
+!> Whether a solution must stop: the cost is used up, or the caller wants to stop
 logical function stopped(self)
    class(limited_type), intent(inout) :: self
 

@@ -1,5 +1,5 @@
-!> One way through the load of a scene, for the executable and for scenes in memory: settings of the
-!> iteration, load steps or one linear solve, and what deserves a warning.
+!> Common solution of a scene through its load, for the executable and for scenes in memory:
+!> settings of the iteration, load steps or one linear solve, and checks that give warnings.
 module rk_run
    use rk_clock, only : tick, timer_type
    use rk_discretisation, only : discretisation_type, judged_state, rounding
@@ -26,7 +26,7 @@ module rk_run
 
    public :: outcome_type, solve_scene, solve_problem
 
-   !> Displacements below this share of the body are roundings [-]
+   !> Displacements below this share of the size of the body are rounding errors [-]
    real(wp), parameter :: unmoved = 1.0e-13_wp
    !> States of a motion that are judged. They lie closer together towards the end, where errors are
    !> largest, and not at multiples of any period
@@ -34,45 +34,45 @@ module rk_run
    !> Distance up to which a probe lies on an interface of two materials, in spacings [-]
    real(wp), parameter :: beside = 1.0e-6_wp
    !> Bulk over shear modulus beyond which a step of the tolerance leaves an error in pressures, and
-   !> the smallest share of the tolerance that is asked for: stiffer ones drown it in rounding [-]
+   !> the smallest share of the tolerance that is required: with stiffer ones rounding is larger [-]
    real(wp), parameter :: firm = 1.0e3_wp, finest = 0.05_wp
 
-   !> What a run found out beside its states
+   !> Results of a run beside its states
    type :: outcome_type
-      !> What deserves attention, each with its line feed
+      !> Warnings, each with its line feed
       character(len=:), allocatable :: warnings
-      !> Imbalance of the forces on all sets in the states that are judged, of the largest force [-]
+      !> Imbalance of the forces on all sets in the states judged, over the largest force [-]
       real(wp) :: imbalance = 0.0_wp
-      !> Work of the stress less that of the forces in the peak, not allocated where they are not
-      !> compared [-]
+      !> Work of the stress less that of the forces in the peak state, not allocated where they are
+      !> not compared [-]
       real(wp), allocatable :: work_mismatch
       !> Places of output where some state has J <= 0 or a stress that is not finite, shape (nc)
       logical, allocatable :: broken(:)
-      !> Where the material lost its ellipticity, in words; not allocated where it did not
+      !> Where the material lost its ellipticity, in words; not allocated if it did not
       character(len=:), allocatable :: lost
       !> Points of output where it is lost in the last state, shape (nc)
       logical, allocatable :: lost_last(:)
-      !> Why the run ended early; not allocated where it did not
+      !> Why the run stopped early; not allocated if it did not
       character(len=:), allocatable :: ended
-      !> The tangent in the peak is not positive definite: the body would leave that state
+      !> The tangent in the peak state is not positive definite: the body would leave that state
       logical :: unstable = .false.
-      !> The last iteration had a Cholesky factor of it
+      !> The last iteration had a Cholesky factor of the tangent
       logical :: factored = .false.
       !> Smallest volume ratio at the places of output in all states [-]
       real(wp) :: min_j = huge(1.0_wp)
       !> The last state
       type(field_state) :: last
       !> States that are judged: that of full load, or all planned ones of a programme and some of
-      !> a motion, whose ends may be at rest: loads, of a motion times, shape (n)
+      !> a motion, whose ends may be at rest: loads, for a motion times, shape (n)
       real(wp), allocatable :: load(:)
       !> Their unknowns, shape (unknowns, n)
       real(wp), allocatable :: x(:, :)
-      !> Nothing is strained in any of them: the body is at rest, or moved as a whole
+      !> The body is not strained in any of them: it is at rest, or moved as a whole
       logical :: unstrained = .false.
-      !> The one by which the answer is judged, and its number
+      !> The state by which the answer is judged, and its number
       type(field_state) :: peak
       integer :: judged = 0
-      !> Error of a linear problem, whose solution is known
+      !> Error of a linear problem with a known solution
       type(norms_type), allocatable :: norms
       !> Wall times of assembly and linear algebra
       type(timer_type) :: timer
@@ -82,7 +82,7 @@ module rk_run
       procedure :: warn
    end type outcome_type
 
-   !> Receiver between the solver and that of a caller: looks at each state before it is handed on
+   !> Receiver between the solver and that of a caller: checks each state before it is passed on
    type, extends(recorder_type) :: watcher_type
       !> Problem whose states arrive
       class(discretisation_type), pointer :: problem => null()
@@ -101,12 +101,12 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    character(len=*), intent(in) :: linear
    !> Receiver of states and warnings; a nonlinear run begins with the state at rest, step 0
    class(recorder_type), target, intent(inout) :: recorder
-   !> What was found out; warnings hold after an error as well
+   !> Results of the checks; warnings are valid after an error too
    type(outcome_type), target, intent(out) :: outcome
-   !> Error handling: the run ended early, the recorder saw the last converged state
+   !> Error handling: the run stopped early, the recorder has the last converged state
    type(error_type), allocatable, intent(out) :: error
    !> Where it begins instead of at rest; steps of an earlier run are recorded once more, and
-   !> nothing is solved where that run ended early
+   !> nothing is solved if that run stopped early
    type(start_type), intent(in), optional :: start
    type(watcher_type) :: watcher
    real(wp), allocatable :: rest(:)
@@ -123,7 +123,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    if (.not. problem%linear) then
       rest = spread(0.0_wp, 1, problem%n)
       loaded = problem%scene%programme%begins_loaded()
-      ! where the programme begins loaded its first state is found yet
+      ! where the programme begins loaded its first state is still to be found
       if (.not. loaded) call recorder%step(step_type(load=0.0_wp), rest)
       if (present(start)) then
          if (allocated(start%iteration)) then
@@ -151,7 +151,7 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
       if (problem%compares_works .and. .not. allocated(problem%scene%body_force)) &
          & outcome%work_mismatch = own_work_mismatch(problem, outcome%peak)
       if (.not. allocated(error) .and. outcome%judged > 0 .and. .not. outcome%unstrained) then
-         ! the last iteration may have had a Cholesky factor of it
+         ! not needed if the last iteration had a Cholesky factor of the tangent
          if (.not. outcome%factored .or. outcome%judged < size(outcome%load)) outcome%unstable &
             & = problem%is_unstable(outcome%x(:, outcome%judged), outcome%load(outcome%judged))
       end if
@@ -193,7 +193,7 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    character(len=*), intent(in) :: linear
    class(recorder_type), intent(inout) :: recorder
    type(timer_type), intent(out) :: timer
-   !> Error handling: the run ended early
+   !> Error handling: the run stopped early
    type(error_type), allocatable, intent(out) :: error
    !> Where it begins instead of at rest
    type(start_type), intent(in), optional :: start
@@ -205,8 +205,8 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
    newton%linear = trim(linear)
    if (linear == '') newton%linear = scene%solver%linear
    newton%tolerance = scene%solver%tolerance
-   ! a last step of size s leaves volumes wrong by about s**2, and pressures by K times that; above
-   ! the limit of direct solves the residual, which has K in it, decides instead
+   ! a last step of size s leaves errors of about s**2 in volumes, and K times that in pressures;
+   ! above the limit of direct solves the residual, which contains K, decides instead
    if (problem%square .and. .not. problem%inexact .and. scene%stiffest_ratio() <= huge(1.0_wp)) &
       & newton%tolerance = newton%tolerance &
       & *max(finest, sqrt(firm/max(scene%stiffest_ratio(), firm)))
@@ -236,7 +236,7 @@ subroutine solve_motion(problem, scene, linear, x, recorder, timer, error)
    class(problem_type), target, intent(inout) :: problem
    !> Scene with a motion
    type(scene_type), intent(in) :: scene
-   !> How a reduced problem is solved
+   !> Linear solver of a reduced problem
    character(len=*), intent(in) :: linear
    !> Unknowns at the end, shape (n)
    real(wp), contiguous, intent(inout) :: x(:)
@@ -332,8 +332,8 @@ subroutine warn(self, line, recorder)
    call recorder%note(line, warning=.true.)
 end subroutine warn
 
-!> What is left of the forces in the state that is judged: the last one, whatever the way there, or
-!> where the loads were taken off again the one with the largest displacements
+!> Imbalance of the forces in the state that is judged: the last one, whatever the way there, or
+!> where the loads were removed again the one with the largest displacements
 subroutine find_imbalance(problem, outcome)
    class(discretisation_type), intent(in) :: problem
    !> Outcome with states
@@ -359,8 +359,8 @@ subroutine find_imbalance(problem, outcome)
    if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
 
-!> Refuse a state in which neither displacements nor stresses are more than roundings: a load that
-!> the stiffness of some material drowns. The iteration ends there at once, for nothing moves.
+!> Refuse a state with displacements and stresses of the size of rounding errors: the load is
+!> negligible beside the stiffness of some material. The iteration stops at once, as nothing moves.
 subroutine check_response(problem, state, error)
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
@@ -390,7 +390,7 @@ subroutine iteration(self, it)
    call self%receiver%iteration(it)
 end subroutine iteration
 
-!> A load step converged: look where its material is nearest to losing its ellipticity
+!> A load step converged: find where its material is nearest to losing its ellipticity
 subroutine step(self, st, x)
    class(watcher_type), intent(inout) :: self
    type(step_type), intent(in) :: st
@@ -430,12 +430,12 @@ subroutine step(self, st, x)
    call self%outcome%warn(self%outcome%lost, self%receiver)
 end subroutine step
 
-!> Keep a state that is judged: of a ramp instead of the last one, of a programme beside it, of a
-!> motion beside those whose time has come
+!> Keep a state that is judged: for a ramp it replaces the last one, for a programme it is added,
+!> for a motion it is added once the last one kept is due
 subroutine keep(outcome, scene, load, x)
    type(outcome_type), intent(inout) :: outcome
    type(scene_type), intent(in) :: scene
-   !> Load, of a motion the time
+   !> Load, for a motion the time
    real(wp), intent(in) :: load
    !> Unknowns, shape (n)
    real(wp), intent(in) :: x(:)
@@ -460,7 +460,7 @@ subroutine keep(outcome, scene, load, x)
 
 contains
 
-   !> States that are due up to a time
+   !> Number of states that are due up to a time
    integer function looked(time)
       real(wp), intent(in) :: time
 
@@ -469,7 +469,7 @@ contains
 
 end subroutine keep
 
-!> Something happened between two steps, or deserves attention
+!> Pass on a note or a warning between two steps
 subroutine pass_on(self, line, warning)
    class(watcher_type), intent(inout) :: self
    character(len=*), intent(in) :: line

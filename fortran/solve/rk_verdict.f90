@@ -1,7 +1,7 @@
 !> Whether an answer is accepted, doubtful or refused, for reasons that were computed.
 !>
-!> Each check measures something of the answer itself; none is a remark about a method. An answer is
-!> refused where a check says that it is wrong, doubtful where one cannot exclude it.
+!> Each check measures a property of the answer itself; none is a remark about a method. An answer
+!> is refused where a check shows that it is wrong, doubtful where one cannot exclude it.
 module rk_verdict
    use, intrinsic :: ieee_arithmetic, only : ieee_is_finite, ieee_is_nan, ieee_quiet_nan, &
       & ieee_value
@@ -26,35 +26,35 @@ module rk_verdict
 
    public :: verdict_type, judge, refused, verdict_names
 
-   !> Verdicts, the worse the larger
+   !> Verdicts, larger is worse
    integer, parameter :: accepted = 1, doubtful = 2, refused = 3
    !> Their names
    character(len=8), parameter :: verdict_names(3) = ['accepted', 'doubtful', 'refused ']
 
-   !> Bounds from which on an answer is doubtful and refused [-]. Works: cantilevers that are 56 to
-   !> 98 % off have 54 to 92 %, a block that locks 49 %, sheets, tubes and straight blocks at most
+   !> Bounds from which on an answer is doubtful and refused [-]. Works: cantilevers with errors of
+   !> 56 to 98 % have 54 to 92 %, a locking block 49 %, sheets, tubes and straight blocks at most
    !> 1.7 %
    real(wp), parameter :: of_works(2) = [0.02_wp, 0.10_wp]
    !> Where nothing moves against a force the works are small differences of large parts: an
-   !> inclined block within 2 % has 5 %, those 20 to 35 % off have 19 to 24 %
+   !> inclined block with an error below 2 % has 5 %, those with 20 to 35 % have 19 to 24 %
    real(wp), parameter :: of_inner_works(2) = [0.10_wp, 0.30_wp]
-   !> Forces on all boundary sets, of the largest of them
+   !> Imbalance of forces on all boundary sets, relative to the largest of them
    real(wp), parameter :: of_balance(2) = [0.05_wp, 0.25_wp]
-   !> Error bar of a probe from another cloud, of its size: from fewer points of a lattice bars are
-   !> some times the error, from fewer blocks of voxels less; from more points and of nodal cells
-   !> they are not
+   !> Error bar of a probe from another cloud, relative to its size: from fewer points of a lattice
+   !> bars are several times the error, from fewer blocks of voxels less; from more points and for
+   !> nodal cells they are not
    real(wp), parameter :: of_wide_bar = 0.10_wp, of_block_bar = 0.08_wp, of_bar = 0.05_wp
-   !> Change of a probe from fewer points and from more, which are nearer to the truth, that is too
-   !> much for any answer; and change from another form
+   !> Change of a probe from fewer points, and from more, which are more accurate, that is too large
+   !> for any answer; and change from another form
    real(wp), parameter :: of_change = 0.25_wp, of_finer = 0.125_wp
    real(wp), parameter :: of_forms(2) = [0.05_wp, 0.10_wp]
-   !> Change of all displacements against fewer points, which a coarse companion has most of itself:
-   !> inclined blocks 0.3, 0.9 and 1.8 % off are 8, 24 and 29 % away from theirs
+   !> Change of all displacements against fewer points, mostly the error of a coarse companion:
+   !> inclined blocks with errors of 0.3, 0.9 and 1.8 % differ by 8, 24 and 29 % from theirs
    real(wp), parameter :: of_distance(2) = [0.25_wp, 0.50_wp]
-   !> Error of a linear problem, whose solution is known
+   !> Error of a linear problem with a known solution
    real(wp), parameter :: of_error(2) = [0.05_wp, 0.25_wp]
-   !> Share of the volume that may be not elliptic, and how many spacings of source points from a
-   !> probe: a spindle that is 1.2 % off has a point of its fixed rim
+   !> Share of the volume that may lose ellipticity, and distance from a probe within which it may
+   !> not, in spacings: a spindle with an error of 1.2 % has such a point on its fixed rim
    real(wp), parameter :: of_places = 0.01_wp, near_spacings = 2.0_wp
    !> Distance from the rim of a prescribed set within which a stress is singular, and from which on
    !> it is regular, in spacings of source points
@@ -63,13 +63,13 @@ module rk_verdict
    real(wp), parameter :: least_change = 1.0e-12_wp
    !> Bar of a probe below which it is zero among its kind [-]
    real(wp), parameter :: of_small = 0.01_wp
-   !> Share of the volume in which J leaves the J of the pressure, and by how much
+   !> Share of the volume in which J differs from the J of the pressure, and by how much
    real(wp), parameter :: of_volume(2) = [0.05_wp, 0.25_wp], off_pressure = 0.1_wp
-   !> Root mean square of the same in a weak form, whose stress has the pressure of its cells and
-   !> may be right where J at points is not: whoever reads the field is warned, and a probe of J has
-   !> it in its bar
+   !> Root mean square of this difference in a weak form, whose stress has the pressure of its cells
+   !> and may be right where J at points is not: users of the field are warned, and the error bar of
+   !> a probe of J includes it
    real(wp), parameter :: of_point_volume = 0.05_wp
-   !> Why a state is doubtful whose tangent is not positive definite
+   !> Why a state is doubtful if its tangent is not positive definite
    character(len=*), parameter :: unstable = 'the equilibrium is unstable, its tangent is not ' &
       & //'positive definite: a small disturbance takes the body to another state; use more ' &
       & //'load.steps, reduce the load or constrain the body'
@@ -80,11 +80,11 @@ module rk_verdict
       integer :: state = 0
       !> Reasons, and notes on what was not checked, each with its line feed
       character(len=:), allocatable :: reasons
-      !> Error bars; without values where the run ended early
+      !> Error bars; without values if the run stopped early
       type(bars_type) :: bars
       !> Second solution
       type(companion_type) :: companion
-      !> A reason is one that finer points or another form removes
+      !> A reason can be removed by finer points or another form
       logical, private :: curable = .false.
    contains
       procedure :: get_sentence
@@ -93,21 +93,21 @@ module rk_verdict
 
 contains
 
-!> Judge the answer of a run, one check after the other as far as those before leave something to
-!> check. The reasons join the warnings of the run; what helps is named once, at their end.
+!> Judge the answer of a run by one check after the other, as far as earlier ones leave something to
+!> check. The reasons are added to the warnings of the run; the remedy is named once, at their end.
 subroutine judge(self, problem, deck, model, with_companion, search, receiver, outcome)
    type(verdict_type), intent(out) :: self
    class(discretisation_type), target, intent(in) :: problem
    type(deck_type), target, intent(in) :: deck
-   !> Points of the model file, where the deck wants one
+   !> Points of the model file, where the deck uses one
    type(cloud_type), target, intent(in) :: model
    !> Whether a second solution may be computed
    logical, intent(in) :: with_companion
-   !> Search for the points, which says itself what it lacked
+   !> Search for the points, which reports itself why it failed
    type(refinement_type), intent(in) :: search
    !> Receiver of the caller, asked whether to stop
    class(recorder_type), target, intent(inout) :: receiver
-   !> What the run found out
+   !> Results of the run
    type(outcome_type), intent(inout) :: outcome
    type(limited_type), target :: within
    type(solved_type) :: answer
@@ -120,7 +120,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    off = 0.0_wp
    call warn_of_units(deck, outcome, receiver)
    if (allocated(outcome%ended)) then
-      ! which is a warning already
+      ! already given as a warning
       self%state = refused
       self%reasons = outcome%ended//new_line('a')
       if (allocated(outcome%broken)) then
@@ -136,7 +136,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
          & outcome%norms%largest_l2_solution, tiny(1.0_wp)), of_error, 'the norm of the error is ' &
          & //'# of the norm of the known solution')
    else if (.not. outcome%unstrained) then
-      ! roundings would be compared with roundings
+      ! without strain, rounding errors would be compared with each other
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: the residual is # of the largest', curable=.true.)
@@ -152,7 +152,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       self%curable = .true.
    end if
    call judge_broken(self, problem, off, outcome)
-   ! of which the run has warned on its way
+   ! the run has already warned of this
    if (allocated(outcome%lost)) call judge_lost(self, problem, outcome)
    call new_bars(self%bars, problem, outcome%load, outcome%x, error)
    if (.not. allocated(error)) then
@@ -173,7 +173,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    end if
 end subroutine judge
 
-!> Warn of the default stress of muscle in a deck of other units than N and cm
+!> Warn of the default muscle stress in a deck with units other than N and cm
 subroutine warn_of_units(deck, outcome, receiver)
    type(deck_type), intent(in) :: deck
    type(outcome_type), intent(inout) :: outcome
@@ -203,7 +203,7 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
    type(solved_type), intent(in) :: answer
    !> Whether a second solution may be computed
    logical, intent(in) :: with_companion
-   !> Search for the points, which may have the second solution
+   !> Search for the points, which may already have the second solution
    type(refinement_type), intent(in) :: search
    type(outcome_type), intent(inout) :: outcome
    type(error_type), allocatable :: error
@@ -250,18 +250,18 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
          lower = max(0.0_wp, lower - self%bars%open)/self%bars%factor
       end if
       widest = self%bars%size
-      ! the mean stress of a body that bends may be several times the largest probed one
+      ! the mean stress of a body in bending may be several times the largest probed one
       if (search%searched .and. allocated(problem%scene%cloud%lattice)) &
          & widest = max(of_bar, search%wanted)*self%bars%read
       call describe_other(self%companion, from)
       call judge_probes(self, problem, lower, most_change(self%companion), widest, from, outcome)
-      ! off equilibrium collocation has several minima, and the iteration ends in any of them
+      ! off equilibrium collocation has several minima, and the iteration may stop at any of them
       if (adrift) call withhold(self%bars)
    end associate
 end subroutine judge_by_others
 
-!> Change of a probe from a second solution that is too much for any answer; too few cells may be
-!> far off themselves, and beside two of them their difference counts as well [-]
+!> Change of a probe from a second solution that is too large for any answer; too few cells may have
+!> large errors themselves, and with two second solutions their difference is included [-]
 pure real(wp) function most_change(companion)
    type(companion_type), intent(in) :: companion
 
@@ -272,7 +272,7 @@ pure real(wp) function most_change(companion)
    if (companion%kind == another_form) most_change = of_forms(2)
 end function most_change
 
-!> What a second solution is, behind a difference
+!> Description of a second solution, to follow a difference in a sentence
 subroutine describe_other(companion, text)
    type(companion_type), intent(in) :: companion
    character(len=:), allocatable, intent(out) :: text
@@ -286,7 +286,7 @@ subroutine describe_other(companion, text)
    end if
 end subroutine describe_other
 
-!> Leave the bars of an answer away where they would measure nothing
+!> Remove the bars of an answer where they would measure nothing
 subroutine withhold(bars)
    type(bars_type), intent(inout) :: bars
 
@@ -295,7 +295,7 @@ subroutine withhold(bars)
    bars%source = ''
 end subroutine withhold
 
-!> Work of the stress against that of the forces, where the form does not keep it by construction
+!> Compare works of stress and forces, where the form does not make them equal by construction
 subroutine judge_works(self, problem, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
@@ -316,7 +316,7 @@ subroutine judge_works(self, problem, outcome)
       & curable=.true.)
 end subroutine judge_works
 
-!> Volume in which J is not that of the pressure, where the pressure is a field of its own
+!> Volume in which J differs from that of the pressure, where the pressure is a separate field
 subroutine judge_volume(self, problem, state)
    type(verdict_type), intent(inout) :: self
    !> Problem with displacements and pressure
@@ -342,7 +342,7 @@ subroutine judge_volume(self, problem, state)
       & curable=.true.)
 end subroutine judge_volume
 
-!> Warn where J at points is not that of the pressure, which weak forms keep over cells only
+!> Warn where J at points differs from that of the pressure, which weak forms match only over cells
 subroutine warn_of_volume(problem, outcome, receiver, off)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(inout) :: outcome
@@ -354,7 +354,7 @@ subroutine warn_of_volume(problem, outcome, receiver, off)
 
    off = 0.0_wp
    do ip = 1, size(outcome%broken)
-      ! a few singular places, which are judged by themselves, would be most of it
+      ! a few singular places, which are judged separately, would dominate it
       if (outcome%broken(ip)) cycle
       call problem%at_point(outcome%peak, ip, local)
       off = off + (determinant(local%f) - pressed_volume(problem, ip, local))**2
@@ -366,13 +366,13 @@ subroutine warn_of_volume(problem, outcome, receiver, off)
       & //'use more points before you use J or F', receiver)
 end subroutine warn_of_volume
 
-!> Places of output that are turned inside out or whose stress is not finite. Corners of fixed faces
-!> are singular, whatever the points: a few places there are reported, and do not count, unless
-!> volumes are off everywhere: fewer points have the same fault, and their bars do not know it
+!> Places of output that are inverted or whose stress is not finite. Corners of fixed faces are
+!> singular, whatever the points: a few places there are reported but not counted, unless volumes
+!> are wrong everywhere: fewer points have the same error, which bars then do not show
 subroutine judge_broken(self, problem, off, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
-   !> Root mean square by which J at points is off what the pressure allows [-]
+   !> Root mean square difference of J at points from that of the pressure [-]
    real(wp), intent(in) :: off
    type(outcome_type), intent(inout) :: outcome
    character(len=:), allocatable :: found
@@ -427,7 +427,7 @@ subroutine judge_lost(self, problem, outcome)
    end if
    call get_extent(problem, lost, found)
    found = outcome%lost//found
-   ! what was lost on the way may have led to another branch
+   ! a loss on the way may have led to another branch
    if (matters(problem, lost) .or. .not. any(lost)) then
       call self%object(doubtful, found//': the solution is not unique; reduce activation or ' &
          & //'load, let an end move, or stiffen the matrix; more points do not help')
@@ -437,7 +437,7 @@ subroutine judge_lost(self, problem, outcome)
    end if
 end subroutine judge_lost
 
-!> Whether bad places are a good part of the body, or near a probe
+!> Whether bad places are a considerable part of the body, or near a probe
 logical function matters(problem, bad)
    class(discretisation_type), intent(in) :: problem
    !> Places of output, shape (nc)
@@ -456,7 +456,7 @@ real(wp) function share_of(problem, bad) result(share)
    end associate
 end function share_of
 
-!> A probe of a point near bad places, 0 where there is none
+!> A probe at a point near bad places, 0 where there is none
 integer function probe_near(problem, bad) result(near)
    class(discretisation_type), intent(in) :: problem
    logical, intent(in) :: bad(:)
@@ -475,7 +475,7 @@ integer function probe_near(problem, bad) result(near)
    end associate
 end function probe_near
 
-!> How much of the body bad places are, in words
+!> Share of bad places in the body, in words
 subroutine get_extent(problem, bad, words)
    class(discretisation_type), intent(in) :: problem
    logical, intent(in) :: bad(:)
@@ -488,7 +488,7 @@ subroutine get_extent(problem, bad, words)
    words = words//')'
 end subroutine get_extent
 
-!> Probes without a value, as stresses of places that are turned inside out
+!> Probes without a value, such as stresses at inverted places
 subroutine judge_values(self, problem, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
@@ -504,7 +504,7 @@ subroutine judge_values(self, problem, outcome)
    end do
 end subroutine judge_values
 
-!> Displacements as a whole, and the probe that is farthest off
+!> Judge the displacements as a whole, and the probe with the largest change
 subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
    type(verdict_type), intent(inout) :: self
    class(discretisation_type), intent(in) :: problem
@@ -514,7 +514,7 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
    real(wp), intent(in) :: most
    !> Bar from where on it is doubtful, shape (probes)
    real(wp), intent(in) :: widest(:)
-   !> What all are compared with, behind a difference
+   !> Reference of all comparisons, to follow a difference in a sentence
    character(len=*), intent(in) :: from
    type(outcome_type), intent(inout) :: outcome
    type(verdict_type) :: found
@@ -537,17 +537,17 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
       & //'norm'//reference, curable=.true.)
    if (self%companion%distance > of_distance(2) .and. .not. (self%companion%coarse &
       & .or. self%companion%kind == another_form)) then
-      ! the difference from another branch is no measure of an error
+      ! the difference from another branch does not measure an error
       call withhold(self%bars)
       call found%object(refused, 'no error bars: a solution this different is on another branch')
    else
       associate (bars => self%bars, last => size(self%bars%load))
          allocate (upper(size(bars%change)))
-         ! a probe that is small relative to its kind is no reason against the rest
+         ! a probe that is small relative to its kind is no reason to refuse the rest
          upper = most*(bars%kind/max(bars%size, tiny(1.0_wp)))
-         ! at the surface the other form may be the one that is off
+         ! at the surface it may be the other form that is wrong
          if (self%companion%kind == another_form) where (bars%at_surface) upper = huge(1.0_wp)
-         ! where voxels leave more open than may be, any change is too much
+         ! where the uncertainty due to voxels exceeds the limit, any change is too large
          worst = maxloc(merge(max(bars%change, least_change)/max(lower, least_change), -1.0_wp, &
             & bars%change >= 0.0_wp), dim=1)
          if (any(bars%change > upper)) worst = maxloc(bars%change, dim=1, mask=bars%change > upper)
@@ -594,8 +594,8 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
    self%curable = self%curable .or. found%curable
 end subroutine judge_probes
 
-!> What to do about a stress at the rim of a prescribed set, where stresses have no limit as points
-!> become finer; blank for all other probes
+!> Remedy for a stress at the rim of a prescribed set, where stresses have no limit as points become
+!> finer; blank for all other probes
 subroutine describe_rim(problem, i, text)
    class(discretisation_type), intent(in) :: problem
    !> Probe
@@ -643,8 +643,8 @@ integer function rim_near(problem, place, distance) result(of)
    if (.not. free) of = 0
 end function rim_near
 
-!> There is no second solution: a note where none was wanted or none is possible, a reason for doubt
-!> where one failed
+!> Without a second solution: a note where none was requested or possible, a reason for doubt where
+!> one failed
 subroutine no_estimate(self, outcome)
    type(verdict_type), intent(inout) :: self
    type(outcome_type), intent(inout) :: outcome
@@ -668,7 +668,7 @@ subroutine compare(self, measure, bounds, what, curable)
    real(wp), intent(in) :: bounds(2)
    !> The sentence, with # for the measure
    character(len=*), intent(in) :: what
-   !> Whether finer points or another form remove the reason
+   !> Whether finer points or another form would remove the reason
    logical, intent(in), optional :: curable
    integer :: at
 

@@ -1,9 +1,9 @@
 !> Strong form collocation of hyperelasticity: equilibrium at collocation points, with conditions at
 !> boundary points.
 !>
-!> The strong form (5.27) at the points of (5.40)-(5.51). All collocation points carry the
-!> equilibrium rows, boundary points carry boundary rows as well.
-!> Equation numbers are the thesis's: residuals (5.71)-(5.73), linearisation (5.66)-(5.70).
+!> The strong form (5.27) at the points of (5.40)-(5.51). All collocation points have equilibrium
+!> rows, boundary points have boundary rows in addition.
+!> Equation numbers are those of the thesis: residuals (5.71)-(5.73), linearisation (5.66)-(5.70).
 !>
 !> In displacements alone (RKCM), or with a pressure as the last field. With P = P_iso(F) + p cof F,
 !> p = dW/dJ (5.39), u and p are in the same reproducing kernel space:
@@ -11,22 +11,22 @@
 !>    volume     J - 1 - p/K = 0                at the centre of each cell of the lattice,
 !>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
 !> Volume rows at all collocation points would lock: there must not be more of them than pressure
-!> unknowns. Row weights balance the parts as the least squares functional with norms of
-!> h Div P, P N and mu u/h does, with the shear modulus mu of the state in which a load step begins.
+!> unknowns. Row weights balance the parts like the least squares functional with norms of
+!> h Div P, P N and mu u/h, with the shear modulus mu of the state in which a load step begins.
 !> They fade towards edges between clamped and free faces, where the solution is singular, and are
-!> lower on faces, edges and corners, where a point stands for less.
+!> lower on faces, edges and corners, where a point represents less volume or area.
 !>
 !> The force on a fixed, plane set is the work of the stress in a virtual motion that is 1 on the
-!> set and falls to 0 before the next fixed set: R = -integral of P grad w over the body. It sees
-!> interior sections only, where stresses are smooth, not the singular tractions at the rim of the
-!> set. A component for which that motion meets other fixed points, or has no room, falls back to
-!> the traction integral over the set.
+!> set and falls to 0 before the next fixed set: R = -integral of P grad w over the body. It
+!> involves only interior sections, where stresses are smooth, not the singular tractions at the rim
+!> of the set. For a component for which that motion meets other fixed points, or has no room, the
+!> traction integral over the set is used instead.
 !>
 !> Linear problems, -L u = f with B^h u = h and B^g u = g on the boundary (5.7), have the same rows
-!> with another law. Their boundary points have the conditions only (5.10): with L there as well
+!> with another law. Their boundary points only have the conditions (5.10): with L there in addition
 !> the L2 errors are 4 to 7 times larger and fall more slowly.
 !>
-!> The unknowns may be the amplitudes of modes: then the rows are those by them.
+!> The unknowns may be the amplitudes of modes: then the rows are expressed in them.
 module rk_equilibrium
    use rk_basis, only : second_index
    use rk_conditions, only : boundary_type, new_boundary
@@ -54,7 +54,7 @@ module rk_equilibrium
    !> point, then single rows at the points of the volume
    type, extends(discretisation_type) :: equilibrium_problem
       type(rows_type) :: rows
-      !> Blocks of rows before those of the boundary
+      !> Number of blocks of rows before those of the boundary
       integer :: inside = 0
       !> Block of each collocation point, 0 where it has none, shape (nc)
       integer, allocatable, private :: block_of(:)
@@ -64,7 +64,7 @@ module rk_equilibrium
       real(wp), allocatable :: domain_weight(:)
       !> Weight of the traction rows of each boundary point beside that of the deck, shape (nb)
       real(wp), allocatable :: traction_weight(:)
-      !> Weight of the essential rows of each boundary point, shape (nb)
+      !> Weight of the displacement rows of each boundary point, shape (nb)
       real(wp), allocatable :: essential_weight(:)
       !> Weight of each volume row, shape (nv) [stress]
       real(wp), allocatable :: volume_weight(:)
@@ -79,7 +79,7 @@ module rk_equilibrium
       real(wp), allocatable, private :: source(:, :)
       !> Modes whose amplitudes are the unknowns, where there are any
       type(modes_type), allocatable, private :: modes
-      !> Then the linearised rows times the modes
+      !> Linearised rows times the modes, with modes
       type(matrix_rows), private :: projected
    contains
       procedure :: field, start, assemble, check_answer, own_side, set_force, section_force
@@ -88,11 +88,11 @@ module rk_equilibrium
    !> Smallest share of a row's weight, on the edge itself
    real(wp), parameter :: edge_floor = 0.01_wp
    !> Factor of a row's weight for each face its point lies on, one less for traction rows: there
-   !> is less body, or less face, around it. Quadrature would have sqrt(1/2); docs/mixed.md has
+   !> is less body, or less face, around it. Quadrature would give sqrt(1/2); docs/mixed.md has
    !> the measurements behind 1/2
    real(wp), parameter :: face_share = 0.5_wp
-   !> Distance of J from 1 + p/K beyond which a state is none, docs/mixed.md: right ones have 0.2
-   !> at most, where they are farther from rims than a spacing; a wrong one has 1.3
+   !> Distance of J from 1 + p/K beyond which a state is rejected, docs/mixed.md: correct states
+   !> have at most 0.2, farther from rims than a spacing; a wrong one has 1.3
    real(wp), parameter :: far_off = 0.5_wp
    !> A spacing less rounding [-]
    real(wp), parameter :: one_spacing = 1.0_wp - 1.0e-6_wp
@@ -103,7 +103,7 @@ contains
 subroutine new_equilibrium(self, scene, mixed, error)
    type(equilibrium_problem), intent(inout) :: self
    type(scene_type), target, intent(in) :: scene
-   !> The pressure is a field of its own
+   !> The pressure is a separate field
    logical, intent(in) :: mixed
    type(error_type), allocatable, intent(out) :: error
    integer, allocatable :: place(:), range(:, :)
@@ -161,7 +161,7 @@ subroutine new_equilibrium(self, scene, mixed, error)
    if (.not. mixed) return
    self%pressure_first = self%fields
    self%pressure_stride = self%fields
-   ! of one shear modulus
+   ! pressures of one shear modulus
    self%pressure_extent = sqrt(real(self%shape%ns, wp)) &
       & *maxval([(scene%tissue(b)%material%shear, b=1, size(scene%tissue))])
    call set_weights(self)
@@ -264,9 +264,9 @@ pure real(wp) function rim_distance(self, x)
    end do
 end function rim_distance
 
-!> Weights by the state at which a load step starts, or goes on. In displacements, essential rows
-!> (5.52b) by the tangent; with a pressure, volume and displacement rows by the stiffness: stresses
-!> of a material that stiffens would outweigh them
+!> Weights from the state at which a load step starts or continues. In displacements, displacement
+!> rows (5.52b) by the tangent; with a pressure, volume and displacement rows by the stiffness:
+!> otherwise the stresses of a material that stiffens would outweigh them
 subroutine start(self, x, load, iteration)
    class(equilibrium_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -304,8 +304,8 @@ subroutine start(self, x, load, iteration)
    end do
 end subroutine start
 
-!> Where the volume is far from that of the pressure, away from rims. Rows may balance at such a
-!> state, which keeps the volume at the centres of cells but not between them.
+!> Reject states whose volume is far from that of the pressure, away from rims. Rows may balance at
+!> such a state, which has the right volume at the centres of cells but not between them.
 subroutine check_answer(self, x, reason)
    class(equilibrium_problem), intent(in) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -336,7 +336,7 @@ subroutine reduce_rows(self, modes, copy)
    class(equilibrium_problem), intent(in) :: self
    !> Orthonormal modes, shape (n, r)
    real(wp), intent(in) :: modes(:, :)
-   !> Its copy in modes, which uses the shape functions of the full one
+   !> Copy in modes, which uses the shape functions of the full problem
    class(equilibrium_problem), pointer, intent(out) :: copy
 
    allocate (copy, source=self)
@@ -489,9 +489,9 @@ pure subroutine add_pressure(nd, u, f, tangent, p, divergence, t, c)
    real(wp), intent(inout) :: p(3, 3)
    !> Its divergence P_iA,A
    real(wp), intent(inout) :: divergence(3)
-   !> Derivative of the divergence by F(k, C)
+   !> Derivative of the divergence with respect to F(k, C)
    real(wp), intent(inout) :: t(3, 3, 3)
-   !> Derivatives of the divergence by those of the pressure: cof F
+   !> Derivatives of the divergence with respect to those of the pressure: cof F
    real(wp), intent(out) :: c(3, 3)
    real(wp) :: slope(3)
 
@@ -590,14 +590,14 @@ subroutine volume_row(self, ip, x, tangent, r, volume)
    end associate
 end subroutine volume_row
 
-!> Force that the surroundings exert on the body through a set, or its moment where the set has
-!> moved to, whose virtual motion is a rotation: through the sections below the set, and by the
-!> traction integral over it where these have no room
+!> Force that the surroundings exert on the body through a set, or its moment in the deformed
+!> position, whose virtual motion is a rotation: from the sections below the set, or from the
+!> traction integral over it where there is no room for these
 function set_force(self, set, state, share, about) result(force)
    class(equilibrium_problem), intent(in) :: self
    integer, intent(in) :: set
    type(field_state), intent(in) :: state
-   !> Part of the way to the next fixed set that is looked at [-]
+   !> Part of the distance to the next fixed set that is used [-]
    real(wp), intent(in) :: share
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3), pull(3), reach
@@ -610,7 +610,7 @@ function set_force(self, set, state, share, about) result(force)
    nd = self%scene%cloud%nd
    force = 0.0_wp
    call find_reach(self, set, normal, origin, reach, usable)
-   ! a rotation moves along both directions across its axis
+   ! a rotation involves both directions across its axis
    if (present(about)) usable = [usable(2) .and. usable(3), usable(1) .and. usable(3), &
       & usable(1) .and. usable(2)]
    associate (cloud => self%scene%cloud)
@@ -625,14 +625,14 @@ function set_force(self, set, state, share, about) result(force)
       if (.not. any(usable)) return
       depth = -matmul(normal, cloud%points - spread(origin, 2, size(depth)))
    end associate
-   ! half a way makes sense between the ends of a body only
+   ! half the distance only makes sense between the ends of a body
    if (share < 1.0_wp .and. reach < maxval(depth)*(1.0_wp - 1.0e-6_wp)) return
    reach = 0.5_wp*share*reach
    where (usable) force = slab_force(self, state, normal, depth - reach, reach, about)
 end function set_force
 
-!> Force through a plane section: the mean of those through the sections of a slab of some spacings,
-!> which lies inside the body
+!> Force through a plane section: the mean over the sections of a slab of a few spacings, which lies
+!> inside the body
 function section_force(self, place, normal, state) result(force)
    class(equilibrium_problem), intent(in) :: self
    real(wp), intent(in) :: place(:)
@@ -649,8 +649,8 @@ function section_force(self, place, normal, state) result(force)
    force = slab_force(self, state, normal, height - middle, half)
 end function section_force
 
-!> Mean force through the sections of a slab, or its moment at the place of the state: the work of
-!> the stress in a motion whose slope is a raised cosine, which weighs the middle most
+!> Mean force through the sections of a slab, or its moment in the deformed position: the work of
+!> the stress in a motion whose slope is a raised cosine, with the largest weight in the middle
 function slab_force(self, state, normal, away, half, about) result(force)
    class(equilibrium_problem), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -678,7 +678,7 @@ function slab_force(self, state, normal, away, half, about) result(force)
    end do
 end function slab_force
 
-!> Depth to which a virtual motion from a set may reach, and the components it may have
+!> Depth to which a virtual motion from a set may extend, and the components it may have
 subroutine find_reach(self, set, normal, origin, reach, usable)
    class(equilibrium_problem), intent(in) :: self
    !> Boundary set
@@ -699,7 +699,7 @@ subroutine find_reach(self, set, normal, origin, reach, usable)
    reach = 0.0_wp
    associate (cloud => self%scene%cloud)
       first = findloc(cloud%boundary_set, set, dim=1)
-      ! a part of a side says nothing of the sections below it
+      ! a part of a side does not determine the force of the sections below it
       if (first == 0) return
       normal = cloud%normal(:, first)
       origin = cloud%points(:, cloud%boundary_point(first))
@@ -710,14 +710,14 @@ subroutine find_reach(self, set, normal, origin, reach, usable)
          if (abs(dot_product(normal, cloud%points(:, cloud%boundary_point(e)) - origin)) &
             & > 1.0e-6_wp*deepest) return
       end do
-      ! the next set that is fixed as a whole ends the motion
+      ! the next set that is fixed as a whole limits the motion
       reach = deepest
       do b = 1, size(self%boundary%point)
          depth = -dot_product(normal, cloud%points(:, self%boundary%point(b)) - origin)
          if (depth < 1.0e-6_wp*deepest) cycle
          if (all(self%boundary%essential(:, b))) reach = min(reach, depth)
       end do
-      ! a motion that ends within a cell or two is seen by hardly a point, or by none
+      ! a motion that ends within one or two cells contains hardly any points
       across = dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(cloud%spacing, 2)
       if (reach < 1.5_wp*across) return
       usable(:nd) = .true.

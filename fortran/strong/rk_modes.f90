@@ -2,7 +2,7 @@
 !>
 !> The shape functions are projected on the modes once. Displacement, F and its derivatives at a
 !> collocation point are then sums over the modes, and the rows of A'U follow from them without the
-!> full A': the same numbers to rounding, without the number of source points in the cost.
+!> full A': the same numbers up to rounding, at a cost that does not depend on the source points.
 module rk_modes
    use rk_precision, only : wp
    use rk_rows, only : rows_type

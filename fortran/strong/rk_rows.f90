@@ -34,22 +34,22 @@ module rk_rows
       integer, allocatable :: range(:, :)
       !> Coefficients, shape (max rows, nc, nq, nblock)
       real(wp), allocatable :: coefficient(:, :, :, :)
-      !> Blocks in groups of near places, group g is order(group(g)+1 : group(g+1))
+      !> Blocks in groups of nearby places, group g is order(group(g)+1 : group(g+1))
       integer, allocatable, private :: order(:), group(:)
-      !> Places that see each source point, and the column of its shape function there
+      !> Places within the support of each source point, and the column of its shape function there
       type(csr_type), private :: seen
       integer(i8), allocatable, private :: seen_value(:)
-      !> Mean position of the places that see each source point, shape (nd, ns) [length]
+      !> Mean position of the places in the support of each source point, shape (nd, ns) [length]
       real(wp), allocatable, private :: centre(:, :)
-      !> Place of each source point in the elimination order, along the body, and the first source
-      !> point in that order which shares a place with it, shape (ns)
+      !> Position of each source point in the elimination order, along the body, and the first
+      !> source point in that order which shares a place with it, shape (ns)
       integer, allocatable, private :: position(:), reach(:)
    contains
       procedure :: apply, apply_transposed, envelope, compressed, get_name
    end type rows_type
 
-   !> Groups whose products are formed before they are added: enough work for all threads, and
-   !> a number that does not depend on the threads, so that sums do not either
+   !> Number of groups whose products are formed before they are added: enough work for all threads,
+   !> and independent of the number of threads, so that sums are too
    integer, parameter :: batch = 4
 
 contains
@@ -69,7 +69,7 @@ subroutine new_rows(self, shape, nc, place, rows, range, position, spacing)
    integer, intent(in) :: range(:, :)
    !> Coordinates of all places, shape (nd, np) [length]
    real(wp), intent(in) :: position(:, :)
-   !> Size of the boxes that gather near places, shape (nd) [length]
+   !> Size of the boxes that gather nearby places, shape (nd) [length]
    real(wp), intent(in) :: spacing(:)
    real(wp) :: least
    integer(i8) :: k
@@ -143,7 +143,7 @@ subroutine apply_transposed(self, x, y)
          end do
       end do
    end do
-   ! every source point sums over the places that see it, so threads never meet
+   ! every source point sums over the places in its support, so that threads never conflict
    !$omp parallel do default(none) schedule(dynamic, 16) private(is, k, c, total) &
    !$omp shared(self, dual, y)
    do is = 1, self%shape%ns
@@ -159,7 +159,7 @@ subroutine apply_transposed(self, x, y)
    !$omp end parallel do
 end subroutine apply_transposed
 
-!> A^T A in its envelope, summed over groups of near places
+!> A^T A in its envelope, summed over groups of nearby places
 subroutine envelope(self, a, error)
    class(rows_type), intent(in) :: self
    type(envelope_type), intent(out) :: a
@@ -210,11 +210,11 @@ subroutine envelope(self, a, error)
    end do
 end subroutine envelope
 
-!> Dense rows of a group over the unknowns it sees
+!> Dense rows of a group over its unknowns
 subroutine group_rows(self, g, unknown, run, rows, m)
    class(rows_type), intent(in) :: self
    integer, intent(in) :: g
-   !> Unknowns by their place in the elimination order, ascending
+   !> Unknowns by their position in the elimination order, ascending
    integer, allocatable, intent(inout) :: unknown(:)
    !> Where runs of consecutive unknowns begin, and the end
    integer, allocatable, intent(inout) :: run(:)
@@ -334,7 +334,7 @@ subroutine compressed(self, start, column, value)
    !$omp end parallel do
 end subroutine compressed
 
-!> Source point and field of an unknown, and where it is
+!> Source point and field of an unknown, and its position
 subroutine get_name(self, j, text)
    class(rows_type), intent(in) :: self
    integer, intent(in) :: j
@@ -378,7 +378,7 @@ pure subroutine gather(position, place, spacing, order, group)
    end do
    call group_by(product(n), box_of, box)
    order = box%index
-   ! empty boxes make no group
+   ! empty boxes form no group
    associate (offset => box%offset)
       group = [0, pack(int(offset(2:)), offset(2:) > offset(:size(offset) - 1))]
    end associate

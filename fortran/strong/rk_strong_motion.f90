@@ -1,9 +1,9 @@
 !> Motion of a body by collocation, (6.38)-(6.43): rows of mass inside, rows of the boundary at the
 !> new time, solved in the least squares sense at each step by the pseudo-inverse.
 !>
-!> Essential rows of weight (6.41b) let the motion grow by 4e-4 a step where a string is marched
-!> with steps of 0.2, and by 2e-2 with steps of 0.02; with 100 times the density it is below 2e-7,
-!> and so is "balanced" here. The published weight is that of "ns-c4".
+!> With displacement rows of weight (6.41b) the motion of a string grows by 4e-4 per step for time
+!> steps of 0.2, and by 2e-2 for steps of 0.02; with a weight of 100 times the density, which is
+!> "balanced" here, by less than 2e-7. The published weight is that of "ns-c4".
 module rk_strong_motion
    use rk_equilibrium, only : equilibrium_problem
    use rk_error, only : error_type, fatal_error, err_memory
@@ -18,9 +18,9 @@ module rk_strong_motion
 
    public :: strong_motion, new_strong_motion
 
-   !> Equations of the dense pseudo-inverse at most, and unknowns of the stability limit
+   !> Most equations of the dense pseudo-inverse, and most unknowns for the stability limit
    integer, parameter :: most_rows = 5000, most_judged = 400
-   !> Essential rows in densities; growth of a whole motion that counts as stable [-]
+   !> Weight of displacement rows in densities; growth of a whole motion that counts as stable [-]
    real(wp), parameter :: heavy = 100.0_wp, harmless = 1.05_wp
 
    !> Body in motion
@@ -31,7 +31,7 @@ module rk_strong_motion
       real(wp), allocatable :: row(:, :), inverse(:, :)
       !> Density of each row inside, shape (rows inside)
       real(wp), allocatable :: density(:)
-      !> Weight over that of the static problem of each row on the boundary, shape (m)
+      !> Weight of each row on the boundary relative to that in the static problem, shape (m)
       real(wp), allocatable :: weight(:)
       !> Values of the fields at the rows' points, and rows of the operator, shape (m, n)
       real(wp), allocatable :: values(:, :), operator(:, :)
@@ -96,7 +96,7 @@ subroutine new_strong_motion(self, problem, error)
 
 contains
 
-   !> Weight of an essential row
+   !> Weight of a displacement row
    real(wp) function essential(density)
       real(wp), intent(in) :: density
 
@@ -107,7 +107,7 @@ contains
 
 end subroutine new_strong_motion
 
-!> Pseudo-inverse by singular values
+!> Pseudo-inverse by singular value decomposition
 subroutine invert(a, inverse, error)
    !> Matrix, shape (m, n)
    real(wp), intent(in) :: a(:, :)
@@ -126,7 +126,7 @@ subroutine invert(a, inverse, error)
    inverse = matmul(transpose(vt), transpose(u))
 end subroutine invert
 
-!> Largest stable time step, where the eigenvalues of a step may be computed
+!> Largest stable time step, where there are few enough unknowns for the eigenvalues of a step
 subroutine limit(self, step, error)
    class(strong_motion), intent(in) :: self
    real(wp), intent(out) :: step
@@ -168,7 +168,7 @@ subroutine limit(self, step, error)
 
 contains
 
-   !> Whether a motion of these steps grows by no more than a little
+   !> Whether the growth of a motion with these steps is negligible
    logical function is_stable(dt)
       real(wp), intent(in) :: dt
       real(wp) :: companion(2*self%n, 2*self%n), radius
@@ -186,7 +186,7 @@ contains
 
 end subroutine limit
 
-!> Coefficients at the start, at rest position, and one time step later
+!> Coefficients at the start, in the rest position, and one time step later
 subroutine start(self, first, second, error)
    class(strong_motion), intent(inout) :: self
    real(wp), contiguous, intent(inout) :: first(:), second(:)
@@ -209,14 +209,14 @@ subroutine start(self, first, second, error)
    if (.not. allocated(error)) call self%loads(0.0_wp, self%force, self%held, error)
    if (allocated(error)) return
    first = 0.0_wp
-   ! (6.42b), with the half step that the loads make
+   ! (6.42b), with the half step due to the loads
    second = self%motion%time_step*matmul(fit, given) + 0.5_wp*self%motion%time_step**2 &
       & *matmul(fit(:, :inside), self%force(:inside)/self%density(:inside))
    if (self%varies) call self%loads(self%motion%time_step, self%force, self%held, error)
 end subroutine start
 
-!> Product of rows with coefficients: those of the new time (6.40), of mass and stiffness (6.38a),
-!> which the boundary has not
+!> Product of rows with coefficients: those of the new time (6.40), or of mass and stiffness
+!> (6.38a), which have no rows on the boundary
 subroutine product(self, what, x, y)
    class(strong_motion), intent(in) :: self
    character(len=*), intent(in) :: what

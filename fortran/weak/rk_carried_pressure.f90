@@ -1,9 +1,9 @@
-!> Pressures beside the displacements of an iteration whose solves leave some change of volume.
+!> Pressures carried along with the displacements where inexact solves leave a volume error.
 !>
-!> What a step leaves of volume must not come back as K times as large a force: the next tangent
-!> takes the pressures of the solve, and the next solve begins with them. On the step they are
-!> linear. The start of a load step has those of the curve through the last converged states: with
-!> its own, what the displacements there miss of the volume would be a force of K times as much.
+!> The volume error of a step must not return as a force K times as large: the next tangent takes
+!> the pressures of the solve, and the next solve starts from them. They are linear along the step.
+!> A load step starts with pressures extrapolated from the last converged states: with those of the
+!> displacements there, the volume error of the displacements would act as a force K times as large.
 module rk_carried_pressure
    use rk_precision, only : wp
    implicit none
@@ -13,7 +13,7 @@ module rk_carried_pressure
 
    !> Coefficients of the pressures of all groups
    type :: carried_pressure
-      !> Those that the residual has, and those that are carried to its place, shape
+      !> Those in the residual, and those that are carried to its place, shape
       !> (1 + nd, groups) [stress length^(nd/2)]
       real(wp), allocatable :: present(:, :)
       real(wp), allocatable :: carried(:, :)
@@ -29,12 +29,12 @@ module rk_carried_pressure
       procedure :: forget, go_to, extrapolate, note
    end type carried_pressure
 
-   !> Distance from the last step, of its length, at which a place is not on it [-]
+   !> Distance from the line of the last step, relative to its length, that puts a place off it [-]
    real(wp), parameter :: aside = 1.0e-6_wp
 
 contains
 
-!> Make room
+!> Allocate the pressures
 subroutine new_carried_pressure(self, rows, groups)
    type(carried_pressure), intent(out) :: self
    !> Coefficients of a group, and groups
@@ -51,8 +51,8 @@ subroutine forget(self)
    if (allocated(self%step)) deallocate (self%begun, self%step, self%before, self%gained)
 end subroutine forget
 
-!> Note where the tangent is taken next, and carry the pressures there: on the last step they are
-!> linear, elsewhere there are none to carry
+!> Set the place of the next tangent and carry the pressures there: they are linear along the last
+!> step, and are not carried elsewhere
 subroutine go_to(self, x)
    class(carried_pressure), intent(inout) :: self
    !> Place, shape (n)
@@ -68,13 +68,13 @@ subroutine go_to(self, x)
    if (self%carrying) self%carried = self%before + along*self%gained
 end subroutine go_to
 
-!> Carry pressures to the next place along the curve through those of the last states
+!> Extrapolate the pressures of the last states to the next place
 subroutine extrapolate(self, pressure, share)
    class(carried_pressure), intent(inout) :: self
    !> Pressures of states at equal distances, the latest first, shape (1 + nd, groups, states)
    !> [stress length^(nd/2)]
    real(wp), intent(in) :: pressure(:, :, :)
-   !> Way beyond the last state, of that from the one before to it [-]
+   !> Distance beyond the last state, as a fraction of that between the last two states [-]
    real(wp), intent(in) :: share
    real(wp) :: change(size(pressure, 1), size(pressure, 2), size(pressure, 3)), factor
    integer :: k, n
@@ -92,12 +92,12 @@ subroutine extrapolate(self, pressure, share)
    self%foreseen = .true.
 end subroutine extrapolate
 
-!> Note a solve at the last place
+!> Record a solve at the last place
 subroutine note(self, step, gained)
    class(carried_pressure), intent(inout) :: self
    !> Its displacements, shape (n)
    real(wp), contiguous, intent(in) :: step(:)
-   !> Its change of the pressures that the residual has, shape (1 + nd, groups)
+   !> Its change of the pressures in the residual, shape (1 + nd, groups)
    !> [stress length^(nd/2)]
    real(wp), intent(in) :: gained(:, :)
 

@@ -1,12 +1,12 @@
-!> Pressure on the surface of a weak form that follows it: force per deformed area against the
-!> deformed normal.
+!> Follower pressure on the surface of a weak form: force per deformed area against the deformed
+!> normal.
 !>
 !> By Nanson's formula the force on a point with the area A and normal N at rest is -p cof(F) A N,
 !> with F of the approximation there. Its derivative is not symmetric point by point; over a surface
-!> whose rim is held, or lies in planes of symmetry, it is the second derivative of p times the
-!> volume behind the surface, and only its symmetric part counts. With a rim that moves freely the
-!> skew part stays, along the rim, and the tangent needs it: without it the iteration takes 5 steps
-!> at 0.1 shear moduli, 9 to 15 at 0.4, and crawls beyond.
+!> whose rim is constrained, or lies in planes of symmetry, it is the second derivative of p times
+!> the volume behind the surface, and only its symmetric part counts. Along a rim that moves freely
+!> a skew part remains, and the tangent needs it: without it the iteration takes 5 steps at 0.1
+!> shear moduli, 9 to 15 at 0.4, and converges very slowly beyond.
 !>
 !> Reference: Bonet, Wood, Nonlinear Continuum Mechanics for Finite Element Analysis, Cambridge
 !>            (2008), section 8.5, doi:10.1017/CBO9780511755446
@@ -24,7 +24,7 @@ module rk_follower
 
 contains
 
-!> Add the forces of pressures to residuals, and their stiffness to a matrix where that is wanted
+!> Add the forces of pressures to residuals and, where wanted, their stiffness to a matrix
 subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
    !> Surface with pressures
    type(surface_type), target, intent(in) :: surface
@@ -35,7 +35,7 @@ subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
    real(wp), intent(in) :: x(:)
    !> Stiffness wanted
    logical, intent(in) :: tangent
-   !> Tangent, to which it is added: where there is a skew part, that as well
+   !> Tangent to which the stiffness is added, also to its skew part where it has one
    class(symmetric_matrix), intent(inout) :: matrix
    !> Residuals: internal less external forces, to which those of pressures are added [force]
    real(wp), intent(inout) :: r(:)
@@ -61,7 +61,7 @@ subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
       end do
       if (.not. tangent) cycle
       normal(:nd) = p*cells%part(s)*cells%outward(:, s)
-      ! derivative of the force by F(j, B), of the components that carry it
+      ! derivative of the force with respect to F(j, B), in the components that carry it
       turn = cofactor_slope(surface%gradient_at(s, x), normal)
       do i = 1, nd
          if (surface%essential(i, s)) turn(i, :, :) = 0.0_wp
@@ -86,9 +86,9 @@ subroutine add_pressure(surface, cells, factor, x, tangent, matrix, r)
 end subroutine add_pressure
 
 !> Whether a surface under pressure has a rim along which it moves freely. The skew part is the
-!> pressure times the sum over the rim of (u x v).t, of two displacements and the rim's direction:
-!> none where the other side of the rim has the same pressure, is a plane in which the rim stays, or
-!> leaves one component free at most
+!> pressure times the sum over the rim of (u x v).t, with two displacements u, v and the direction t
+!> of the rim. It vanishes where the other side of the rim has the same pressure, is a plane in
+!> which the rim stays, or leaves at most one component free
 pure logical function has_free_rim(scene)
    type(scene_type), intent(in) :: scene
    ! cosine of a zero angle [-]

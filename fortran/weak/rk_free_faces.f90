@@ -2,12 +2,12 @@
 !>
 !> Where the pressure is linear in groups of cells, displacements of order 1 change the volume
 !> within a group, and with it the derivatives along a face: the errors alternate with the period of
-!> the groups. Their means over a group do not, which are the differences of displacements two
-!> spacings apart. The derivative across the face is one-sided, and the pressure there is carried
-!> from the middle of the groups; together they leave tractions as large as a tenth of the stress
-!> along the face. That derivative a = F N is therefore the one with which the law of the material
-!> carries none, P(F + (a - F N) N^T) N = 0: as many equations as unknowns, whose matrix is the
-!> acoustic tensor of the normal. Edges keep what they have.
+!> the groups. The means over a group, differences of displacements two spacings apart, do not. The
+!> derivative across the face is one-sided, and the pressure there is extrapolated from the middle
+!> of the groups; together they leave tractions as large as a tenth of the stress along the face.
+!> The derivative a = F N is therefore chosen such that the material law gives zero traction,
+!> P(F + (a - F N) N^T) N = 0: as many equations as unknowns, whose matrix is the acoustic tensor of
+!> the normal. Stresses on edges are left unchanged.
 module rk_free_faces
    use rk_csr, only : csr_type, group_by
    use rk_error, only : error_type
@@ -31,7 +31,7 @@ module rk_free_faces
       integer, allocatable :: probe(:)
       !> Outward unit normals, shape (3, places)
       real(wp), allocatable :: normal(:, :)
-      !> Pair of windows ends in each direction, 0 without one, shape (nd, places)
+      !> Pair of window ends in each direction, 0 without one, shape (nd, places)
       integer, allocatable :: pair(:, :)
       !> Ends of the windows, shape (nd, 2*pairs) [length]
       real(wp), allocatable :: window(:, :)
@@ -40,10 +40,10 @@ module rk_free_faces
       procedure :: find, smooth, release
    end type free_faces_type
 
-   !> A place is on the face of a point that is so far before or behind it, in spacings; cosine of
-   !> the angle between normals that are the same [-]
+   !> Distance in spacings within which a place lies on the face of a point; cosine of the angle
+   !> between normals that count as equal [-]
    real(wp), parameter :: on_face = 1.0e-6_wp, same = 1.0_wp - 1.0e-6_wp
-   !> Iterations, and change of F N at which they end [-]
+   !> Largest number of iterations, and change of F N at which they stop [-]
    integer, parameter :: most = 20
    real(wp), parameter :: exact = 1.0e-9_wp
 
@@ -122,7 +122,7 @@ subroutine new_free_faces(self, scene, error)
    end associate
 end subroutine new_free_faces
 
-!> Outward normal of a place that lies on one face alone, without any condition
+!> Outward normal at a place that lies on a single face without any condition
 subroutine find_face(scene, entry, ip, x, near, normal, free)
    type(scene_type), intent(in) :: scene
    !> Boundary entries of each collocation point
@@ -135,7 +135,7 @@ subroutine find_face(scene, entry, ip, x, near, normal, free)
    real(wp), intent(in) :: near
    !> Normal, shape (nd)
    real(wp), intent(out) :: normal(:)
-   !> Whether it does
+   !> Whether it lies on such a face
    logical, intent(out) :: free
    real(wp) :: away
    integer :: e
@@ -157,13 +157,13 @@ subroutine find_face(scene, entry, ip, x, near, normal, free)
    end associate
 end subroutine find_face
 
-!> Place that is some spacings of the source points away along a direction
+!> Place shifted by some spacings of the source points along a direction
 pure real(wp) function moved(line, x, spacings)
    !> Places of the source points along it [length]
    real(wp), intent(in) :: line(0:)
    !> Coordinate of the place [length]
    real(wp), intent(in) :: x
-   !> Spacings; beyond the ends of the body the result is beyond them as well
+   !> Number of spacings; a place shifted beyond the ends of the body stays beyond them
    integer, intent(in) :: spacings
    real(wp) :: step
    integer :: k, n
@@ -203,7 +203,7 @@ pure integer function find(self, scene, ip, x)
    end associate
 end function find
 
-!> Replace what a displacement gradient has along the face by differences two spacings apart
+!> Replace derivatives along the face in a displacement gradient by differences two spacings apart
 pure subroutine smooth(self, i, x, h)
    class(free_faces_type), intent(in) :: self
    !> Number of the place
@@ -226,7 +226,7 @@ pure subroutine smooth(self, i, x, h)
    end do
 end subroutine smooth
 
-!> Stress in balance with a traction, by default zero; unchanged if there is none
+!> Stress in balance with a traction, by default zero; unchanged if no such stress is found
 subroutine release(self, i, mixture, load, f, local, traction)
    class(free_faces_type), intent(in) :: self
    integer, intent(in) :: i

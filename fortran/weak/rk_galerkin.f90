@@ -2,14 +2,13 @@
 !> whose law is linear in the gradient of the fields.
 !>
 !> The energy of the body is integrated with Gauss points, or with smoothed gradients in nodal cells
-!> (SCNI). Prescribed displacements hold weakly: they are lifted into the gradients (rk_gradient)
-!> and held by the penalty of (4.22), which needs not be large then, on the surface or at source
-!> points (rk_held). The volume change is projected (rk_pressure). Residual and tangent are the
-!> exact derivatives of that energy.
+!> (SCNI). Prescribed displacements are imposed weakly: they are lifted into the gradients
+!> (rk_gradient) and enforced by the penalty of (4.22), which then need not be large, on the surface
+!> or at source points (rk_held). The volume change is projected (rk_pressure). Residual and tangent
+!> are the exact derivatives of that energy.
 !>
-!> In linear problems the gradient of the fields stands in the place of F, its trace in that of
-!> J - 1: lambda acts on the projected change of volume, so that nearly incompressible bodies do not
-!> lock.
+!> In linear problems the gradient of the fields takes the place of F, and its trace that of J - 1:
+!> lambda acts on the projected change of volume, so that nearly incompressible bodies do not lock.
 module rk_galerkin
    use rk_blas, only : dsyrk
    use rk_cells, only : cells_type
@@ -59,14 +58,14 @@ module rk_galerkin
       type(cells_type) :: cells
       !> Gradients there
       type(gradient_type) :: gradient
-      !> Pressure, and where it is an unknown
+      !> Projected pressure, and multipliers where the pressure is an unknown
       type(pressure_type) :: pressure
       type(multiplier_type) :: multiplier
       !> Shape functions at the integration points
       type(shape_type) :: inside
-      !> Gradients of nodal cells anywhere
+      !> Gradients of nodal cells recovered at any place
       type(recovery_type) :: recovery
-      !> Stress on free faces; not allocated where the form has it well by itself
+      !> Stress on free faces; not allocated where the form needs no correction
       type(free_faces_type), allocatable :: faces
       !> Stress on walls; not allocated if supports do not improve it
       type(walls_type), allocatable :: walls
@@ -84,10 +83,10 @@ module rk_galerkin
       integer, allocatable :: nearest(:)
       !> F where the tangent was taken, and where the step to there began, shape (3, 3, np) [-]
       real(wp), allocatable :: origin(:, :, :), base(:, :, :)
-      !> The next place is no step of the tangent: the pressure of its tangent is that of the base
+      !> No step of the tangent leads to the next place: its tangent has the pressure of the base
       logical :: leaps = .false.
-      !> Tangents also resist volume changes within groups of cells, to tell negative eigenvalues of
-      !> the material from those of its pressures
+      !> Tangents also resist volume changes within groups of cells, to distinguish negative
+      !> eigenvalues of the material from those of its pressures
       logical, private :: resists = .false.
    contains
       procedure :: start, assemble, is_unstable, state, at_place, strain_energy, set_force
@@ -95,7 +94,7 @@ module rk_galerkin
       procedure :: material_at
    end type galerkin_problem
 
-   !> Source points across four groups of two spacings each, which curvature needs in boxes
+   !> Source points across four groups of two spacings each, the least for curvature in boxes
    integer, parameter :: least_across = 9
 
 contains
@@ -184,7 +183,7 @@ subroutine new_galerkin(self, scene, error)
    if (self%multiplier%extra > 0) self%pressure_first = nd*blocks + 1
    self%pressure_extent = self%multiplier%extent
    if (self%inexact .or. allocated(scene%cloud%block)) call self%gradient%share()
-   ! minimal residuals cannot have a skew part
+   ! the minimal residual method cannot handle a skew part
    if (self%inexact .and. has_free_rim(scene)) self%caveat = 'the rim of a surface with ' &
       & //'boundary.pressure moves freely, which makes the tangent unsymmetric, and above ' &
       & //'galerkin.direct_limit its skew part is left out: use galerkin.direct_limit = ' &
@@ -193,7 +192,7 @@ subroutine new_galerkin(self, scene, error)
    if (.not. allocated(error)) call set_constants(self, shear, error)
 end subroutine new_galerkin
 
-!> Penalty, stabilisation, tendons, and forces of what is prescribed
+!> Penalty, stabilisation, tendons, and forces of prescribed values
 subroutine set_constants(self, shear, error)
    !> Problem with conditions and the places of its matrix
    type(galerkin_problem), intent(inout) :: self
@@ -209,7 +208,7 @@ subroutine set_constants(self, shear, error)
    call self%surface%plates%add_tendons(self%scene, self%cells, self%surface%penalty, &
       & self%matrix%symmetric_matrix, self%matrix%value, self%force)
    call self%matrix%complete(self%cells, self%inside, shear)
-   ! minimal residuals need a symmetric matrix
+   ! the minimal residual method needs a symmetric matrix
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
       & allocate (self%matrix%skew, source=0.0_wp*self%matrix%value)
    if (self%linear) call self%pins%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
@@ -224,7 +223,7 @@ end subroutine set_constants
 function sources(self, time, error) result(b)
    !> Problem with its cells
    class(galerkin_problem), intent(in) :: self
-   !> Time, of no meaning where nothing moves
+   !> Time, unused in statics
    real(wp), intent(in) :: time
    !> Error handling: an expression without a value somewhere
    type(error_type), allocatable, intent(inout) :: error
@@ -238,13 +237,13 @@ function sources(self, time, error) result(b)
    end do
 end function sources
 
-!> Set what varies over the points and has no place in a deck, at full load of the ramp
+!> Set loads that vary over the points and cannot be given in a deck, at full load of the ramp
 subroutine set_point_loads(self, body_force, displacement, stress, place)
    class(galerkin_problem), intent(inout) :: self
    real(wp), intent(in) :: body_force(:, :)
    real(wp), intent(in) :: displacement(:, :)
    real(wp), intent(in) :: stress(:, :, :)
-   !> Only give the points where values are wanted: the integration points, then those of the
+   !> Only return the points where values are wanted: the integration points, then those of the
    !> surface, shape (nd, n) [length]
    real(wp), allocatable, intent(out), optional :: place(:, :)
    integer :: nd, np
@@ -265,7 +264,7 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    call add_load(self%inside, self%cells%weight, body_force(:nd, :np), self%force(:, ramp))
 end subroutine set_point_loads
 
-!> Forget where the last load step came from; in an iteration the volume of the next tangent is
+!> Forget where the last load step started; within an iteration the volume of the next tangent is
 !> linear in the step from here
 subroutine start(self, x, load, iteration)
    class(galerkin_problem), target, intent(inout) :: self
@@ -294,15 +293,15 @@ logical function is_unstable(self, x, load)
 
    is_unstable = .false.
    allocate (r(self%m))
-   ! no step begins: the last factor stays
+   ! no step begins: the last factor is kept
    if (allocated(self%base)) deallocate (self%base)
    call self%evaluate(x, load, r, seen, tangent=.true.)
    if (.not. self%matrix%formed .or. self%matrix%indefinite .or. allocated(self%matrix%skew)) return
    is_unstable = .not. self%matrix%definite()
    if (self%linear .or. .not. is_unstable) return
    if (.not. allocated(self%scene%cloud%lattice) .or. has_few_cells(self%scene)) return
-   ! pressures of a group of cells resist the mean volume change and its slopes only: under large
-   ! compression parts of a free face may exchange volume, which no body does
+   ! pressures of a group of cells only resist the mean volume change and its slopes: under large
+   ! compression parts of a free face may exchange volume, which is not physical
    self%resists = .true.
    call self%evaluate(x, load, r, seen, tangent=.true.)
    self%resists = .false.
@@ -310,9 +309,9 @@ logical function is_unstable(self, x, load)
 end function is_unstable
 
 !> Residual (4.31), internal less external forces, and where wanted the tangent (4.32): a sum over
-!> the groups. At the start of a load step the essential values in the gradients are those of the
-!> last converged state: they jump there, and the gradients into which they are lifted might not
-!> even keep J > 0. The jump acts linearly.
+!> the groups. At the start of a load step the prescribed values in the gradients are those of the
+!> last converged state: they jump there, and gradients with the new values might not even keep
+!> J > 0. The jump acts linearly.
 subroutine assemble(self, x, stage, r, seen)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -332,7 +331,7 @@ subroutine assemble(self, x, stage, r, seen)
    factor = self%scene%factors(stage%load)
    jump = factor - at%factor
    if (.not. any(abs(jump) > 0.0_wp)) jump = [real(wp) ::]
-   ! what is carried to a place is known only on the way to it: a tangent that has it is not kept
+   ! pressures carried to a place are known only on the way to it: a tangent with them is not kept
    tangent = stage%tangent .or. (size(jump) > 0 .and. self%inexact)
    if (size(jump) > 0) self%leaps = .not. tangent
    r = 0.0_wp
@@ -381,8 +380,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    type(field_state), intent(in) :: at
    !> Projected change of its volume, shape (1 + nd) [length^(nd/2)]
    real(wp), intent(in) :: excess(:)
-   !> Change of the load factors of the essential values in the gradients up to the load, shape
-   !> (factors); without any there is none [-]
+   !> Change of the load factors of the prescribed values in the gradients up to the load, shape
+   !> (factors); empty without a change [-]
    real(wp), intent(in) :: change(:)
    !> Load [-]
    real(wp), intent(in) :: load
@@ -399,7 +398,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    logical :: formed, jumps, stacked
 
    formed = tangent .and. self%matrix%formed
-   ! what the volume of the group changes by is wanted as rows
+   ! the volume change of the group is needed as rows
    jumps = size(change) > 0 .and. any(self%gradient%lifts(self%cells%first(g) + 1: &
       & self%cells%first(g + 1)))
    stacked = formed .or. jumps
@@ -502,9 +501,9 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part
 
-!> First coefficient of the pressure with which active stress at rest is a pull along the fibers
-!> alone: without it the stress across them is a compression, with which the tangent at the start of
-!> the first load step may not be positive definite [stress length^(nd/2)]
+!> First coefficient of the pressure with which active stress at rest is only tension along the
+!> fibers: without it the stress across them is compressive, and the tangent at the start of the
+!> first load step may not be positive definite [stress length^(nd/2)]
 real(wp) function active_pressure(self, g, at, load) result(value)
    class(galerkin_problem), intent(in) :: self
    !> Group
@@ -532,7 +531,7 @@ real(wp) function active_pressure(self, g, at, load) result(value)
    value = value/(volume*self%pressure%basis(1, self%cells%first(g) + 1))
 end function active_pressure
 
-!> Derivative of the volume ratio by F, of a linear problem that of the trace [-]
+!> Derivative of the volume ratio with respect to F; in a linear problem that of the trace [-]
 pure function volume_slope(self, f) result(slope)
    class(galerkin_problem), intent(in) :: self
    !> Deformation gradient [-]
@@ -561,11 +560,11 @@ subroutine extrapolate(self, stage)
    call self%matrix%pressures%extrapolate(pressure, stage%share)
 end subroutine extrapolate
 
-!> Whether pressures are written with their curvature: where the strains are as exact. On walls of
-!> annuli those of boxes are not, and errors of both cancelled before; in space two groups across a
-!> twisted bar put its stress three tenths off. Pressures of different tissues have no common
-!> curvature. Fewer groups than four across a box do not determine it: it put the outermost fiber of
-!> a clamped beam of 17x5 points 3.4 % off where it is 2.2 %; walls of tubes gain from two on.
+!> Whether pressures are written with their curvature: where the strains are equally accurate. On
+!> walls of annuli those of box windows are not, and the errors of both cancel without it; in 3D,
+!> two groups across a twisted bar left its stress off by 0.3. Pressures of different tissues have
+!> no common curvature. Fewer than four groups across a box do not determine it: the outermost fiber
+!> of a clamped beam of 17x5 points was 3.4 % off, without it 2.2 %; walls of tubes gain from two.
 logical function curved(self)
    class(galerkin_problem), intent(in) :: self
 
@@ -586,7 +585,7 @@ subroutine state(self, x, load, at, tissue)
    type(field_state), intent(out) :: at
    !> Tissue whose stress alone is wanted, with its fraction of the pressure
    integer, intent(in), optional :: tissue
-   !> Gradients that the prescribed values of a time make; of others only what is given is there
+   !> Gradients due to the prescribed values at a time; only their given part is set
    type(gradient_type) :: lift
    type(error_type), allocatable :: error
    real(wp), allocatable :: part(:), value(:, :, :), traction(:, :, :)
@@ -598,7 +597,7 @@ subroutine state(self, x, load, at, tissue)
    at%x = x
    at%load = load
    at%factor = self%scene%factors(load)
-   ! of a motion the load is the time; its expressions had values then
+   ! in a motion the load is the time, at which its expressions have already been evaluated
    if (allocated(self%scene%motion)) then
       at%factor = [0.0_wp]
       call prescribed_at(self%scene, self%cells, essential, value, traction, error, load)
@@ -657,8 +656,8 @@ subroutine inner_forces(self, state, r)
    end do
 end subroutine inner_forces
 
-!> Energy of the deformation, with that of the projected change of volume; of the whole body with
-!> that of its supports [force length]
+!> Strain energy including that of the projected change of volume; for the whole body also that of
+!> its supports [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -675,7 +674,7 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
          if (tissue > 0) part = self%mixture%part_of(nc + q, tissue)
          if (.not. part > 0.0_wp) cycle
          pressure = self%pressure%value(g, q, state%pressure(:, g))
-         ! half the pressure times the projected change of volume, none where that is kept
+         ! half the pressure times the projected change of volume, zero where volume is preserved
          density = 0.5_wp*self%local_bulk(nc + q)*(state%j(q) - 1.0_wp)**2
          if (self%bulk(g) > 0.0_wp .and. .not. self%multiplier%free(g)) density = density &
             & + 0.5_wp*pressure**2/self%bulk(g)
@@ -685,7 +684,7 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
    end do
 end function strain_energy
 
-!> Room for the deformation of all groups
+!> Allocate the deformation of all groups
 pure subroutine new_state(self, at)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(out) :: at
@@ -694,16 +693,16 @@ pure subroutine new_state(self, at)
    allocate (at%pressure, mold=self%pressure%total)
 end subroutine new_state
 
-!> Deformation of a group of points, and the pressure that its change of volume makes
+!> Deformation of a group of points, and the pressure due to its change of volume
 pure subroutine deform_group(self, g, x, at, lift, excess)
    class(galerkin_problem), intent(in) :: self
    integer, intent(in) :: g
    !> Unknowns [length]
    real(wp), intent(in) :: x(self%fields, self%n/self%fields)
-   !> State with the load factors of the essential values in the gradients, of which F, J and
+   !> State with the load factors of the prescribed values in the gradients, of which F, J and
    !> pressure of the group are set
    type(field_state), intent(inout) :: at
-   !> Gradients that prescribed values make in a motion
+   !> Gradients due to prescribed values in a motion
    type(gradient_type), intent(in), optional :: lift
    !> Projected change of volume by the group's polynomials, shape (1 + nd) [length^(nd/2)]
    real(wp), intent(out), optional :: excess(:)
@@ -795,8 +794,8 @@ subroutine at_place(self, state, ip, x, u, local)
    call self%faces%release(i, here, state%load, identity + slope, local)
 end subroutine at_place
 
-!> Place of the mixture whose material a place has: the collocation point nearest to it, or where
-!> that has another material the nearest integration point that has its own
+!> Index in the mixture of the material at a place: its nearest collocation point or, where that has
+!> another material, the nearest integration point of the same material
 integer function material_at(self, ip, x) result(at)
    class(galerkin_problem), intent(in) :: self
    !> Collocation point
@@ -810,7 +809,7 @@ integer function material_at(self, ip, x) result(at)
    at = ip
    if (.not. (allocated(self%scene%approximation%kink) .or. self%mixture%meets())) return
    call parts_at(self%scene, x, part, error)
-   ! an expression without a value here is what it is near by
+   ! where an expression has no value here, the collocation point is taken
    if (allocated(error)) return
    own = maxloc(part, dim=1)
    if (self%mixture%part_of(ip, own) > 0.0_wp) return
@@ -824,9 +823,9 @@ integer function material_at(self, ip, x) result(at)
    end do
 end function material_at
 
-!> Force through a plane section: that of its part behind the normal on the part before it, as the
-!> work of the internal forces in a motion of one side against the other. In equilibrium it is
-!> exactly that of all forces behind the plane, however coarse the points are
+!> Force through a plane section: that of the part behind the plane on the part before it, from the
+!> work of the internal forces in a relative motion of the two. In equilibrium it equals the sum of
+!> all forces behind the plane exactly, however coarse the points are
 function section_force(self, place, normal, state) result(force)
    class(galerkin_problem), intent(in) :: self
    real(wp), intent(in) :: place(:)
@@ -840,7 +839,7 @@ function section_force(self, place, normal, state) result(force)
    cut = cut_through(self%scene, place, normal)
    allocate (inner(self%n), source=0.0_wp)
    force = 0.0_wp
-   ! to the stress of one tissue neither supports nor stabilisation belong
+   ! supports and stabilisation do not contribute to the stress of one tissue
    if (state%tissue == 0) then
       call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), &
          & inner(:self%matrix%n))
@@ -853,9 +852,8 @@ function section_force(self, place, normal, state) result(force)
 end function section_force
 
 !> Share of each source point in that motion, which grows from 0 to 1 within one spacing across the
-!> plane. No surface point at the ends of the body may see the
-!> cut: near an end the plane is taken farther inside, and where there is no such room, the share
-!> grows all the way through the body
+!> plane. The cut must not reach surface points at the ends of the body: near an end the plane is
+!> moved inwards, and where there is no room for that, the share grows over the whole body
 function cut_through(scene, place, normal) result(share)
    type(scene_type), intent(in) :: scene
    !> Point of the plane, shape (nd) [length]
@@ -872,7 +870,7 @@ function cut_through(scene, place, normal) result(share)
       last = maxval(share)
       width = dot_product(abs(normal), sum(cloud%spacing, dim=2))/size(share)
       margin = dot_product(abs(normal), maxval(scene%support, dim=2))
-      ! supports that turn reach as far as their corners
+      ! rotated supports reach as far as their corners
       if (scene%approximation%window == window_polar) margin = norm2(maxval(scene%support, dim=2))
       margin = margin - 0.5_wp*width
       middle = dot_product(normal, place)
@@ -891,7 +889,7 @@ function set_force(self, set, state, share, about) result(force)
    class(galerkin_problem), intent(in) :: self
    integer, intent(in) :: set
    type(field_state), intent(in) :: state
-   !> Of no meaning: the work of the surface's own points is exact
+   !> Unused: the work of the surface points is exact
    real(wp), intent(in) :: share
    real(wp), intent(in), optional :: about(3)
    real(wp) :: force(3)
@@ -904,12 +902,12 @@ function set_force(self, set, state, share, about) result(force)
 
    associate (unused => share)
    end associate
-   ! of a motion the load is the time; its expressions had values then
+   ! in a motion the load is the time, at which its expressions have already been evaluated
    if (allocated(self%scene%motion)) call prescribed_at(self%scene, self%cells, essential, value, &
       & traction, error, state%load)
    force = self%surface%force(self%cells, set, state, value, traction, about)
    if (present(about)) return
-   ! a set may be a whole side by another name, or several
+   ! a set may be a whole side by another name, or several sides
    covers = [(any(self%cells%set == side) .and. all(self%cells%set /= side &
       & .or. .not. self%surface%area > 0.0_wp .or. [(self%cells%in_set(s, set), s=1, &
       & size(self%cells%set))]), side=1, size(covers))]
@@ -927,8 +925,8 @@ function set_force(self, set, state, share, about) result(force)
    end do
 end function set_force
 
-!> Displacement of the middle of a set: of a part of the surface that of its integration points, of
-!> which there are more than boundary entries
+!> Mean displacement of a set: for a part of the surface that of its integration points, of which
+!> there are more than boundary entries
 function set_displacement(self, set, state) result(value)
    class(galerkin_problem), intent(in) :: self
    integer, intent(in) :: set

@@ -1,8 +1,8 @@
-!> Stiffness of groups of points that is never formed: moduli and cofactors at the points, the bulk
-!> modulus on the projected change of volume, and products with them.
+!> Matrix-free stiffness of groups of points: moduli and cofactors at the points, the bulk modulus
+!> on the projected change of volume, and products with them.
 !>
-!> Pressures may stand beside the displacements. A part k of the bulk modulus K stays with the
-!> displacements then (rk_tangent), and the pressures are those of the rest.
+!> Pressures may be unknowns beside the displacements. A part k of the bulk modulus K then stays
+!> with the displacements (rk_tangent), and the pressures are those of the rest.
 module rk_group_stiffness
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type
@@ -24,7 +24,7 @@ module rk_group_stiffness
       !> Bulk and shear modulus of each group, shape (groups) [stress]
       real(wp), allocatable :: bulk(:)
       real(wp), allocatable, private :: shear(:)
-      !> Groups that see each source point, and where it stands in the lists of all groups
+      !> Groups that contain each source point, and its position in the lists of all groups
       type(csr_type), private :: groups
       integer(i8), allocatable, private :: entry(:)
       !> Points, gradients and pressures of the problem
@@ -42,7 +42,7 @@ module rk_group_stiffness
 
 contains
 
-!> Make room
+!> Allocate the linearisation
 subroutine new_group_stiffness(self, cells, shear)
    type(group_stiffness), intent(inout) :: self
    type(cells_type), intent(in) :: cells
@@ -60,7 +60,7 @@ subroutine new_group_stiffness(self, cells, shear)
    end do
 end subroutine new_group_stiffness
 
-!> Set what the stiffness stands for
+!> Point to the cells, gradients and pressures of the stiffness
 subroutine attach(self, cells, gradient, pressure, multiplier)
    class(group_stiffness), intent(inout) :: self
    type(cells_type), target, intent(in) :: cells
@@ -76,10 +76,10 @@ subroutine attach(self, cells, gradient, pressure, multiplier)
       & call gradient%member%transposed(maxval(gradient%member%index), self%groups, self%entry)
 end subroutine attach
 
-!> Right hand side of displacements and pressures
+!> Split a right hand side into those of displacements and pressures
 subroutine split(self, n, b, right)
    class(group_stiffness), intent(in) :: self
-   !> Unknowns that are displacements
+   !> Number of unknowns that are displacements
    integer, intent(in) :: n
    !> Right hand side of the unknowns
    real(wp), contiguous, intent(in) :: b(:)
@@ -115,7 +115,7 @@ subroutine join(self, n, both, x)
       & shape(self%pressure%total)), x(n + 1:))
 end subroutine join
 
-!> Add the forces of displacements and pressures, those given or those of the volume's change
+!> Add the forces of displacements and pressures, either given ones or those of the volume change
 subroutine add_product(self, x, y, volume, pressure)
    class(group_stiffness), intent(in) :: self
    !> Displacements, or without pressures all unknowns, shape (n) [length]
@@ -146,7 +146,7 @@ subroutine add_product(self, x, y, volume, pressure)
    do g = 1, size(self%bulk)
       o = self%gradient%member%offset(g)
       n = int(self%gradient%member%offset(g + 1) - o)
-      ! blocks of pressures stand behind the source points
+      ! blocks of pressures follow those of the source points
       do while (self%gradient%member%index(o + n) > blocks)
          n = n - 1
       end do

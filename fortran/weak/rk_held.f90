@@ -1,13 +1,12 @@
-!> Source points at which prescribed displacements hold: galerkin.essential = "transformation".
+!> Prescribed displacements enforced at source points: galerkin.essential = "transformation".
 !>
 !> Shape functions of a reproducing kernel are not one at their own point and zero at others: a
-!> prescribed value is an equation for the coefficients of all source points near. The mixed
-!> transformation of Chen and Wang solves these equations for the coefficients of the held points;
-!> here a firm penalty on each of them does, which leaves the stiffness sparse. Source points of the
-!> sides where something is prescribed become points of the surface without area for that. Between
-!> them u - g is free, lifted into the gradients as with the penalty on the whole side
-!> (rk_gradient): constant stress does no work there, and what the firm penalty still has to carry
-!> is small.
+!> prescribed value is an equation for the coefficients of all nearby source points. The mixed
+!> transformation of Chen and Wang solves these equations for the coefficients of the constrained
+!> points; here a large penalty enforces each of them, which keeps the stiffness sparse. For this,
+!> source points on sides with prescribed values become points of the surface with zero area.
+!> Between them u - g is free, lifted into the gradients as with the penalty on the whole side
+!> (rk_gradient): constant stress does no work there, and the load left to the penalty is small.
 !>
 !> Reference: Chen, Wang, Comput. Methods Appl. Mech. Eng. 187 (2000),
 !>            doi:10.1016/S0045-7825(00)80007-4
@@ -27,8 +26,8 @@ module rk_held
 
 contains
 
-!> Add the source points of sides where something is prescribed to the points of the surface, each
-!> once for every such side that it is on
+!> Add the source points of sides with prescribed values to the points of the surface, each once for
+!> every such side that it lies on
 subroutine add_source_points(self, scene, error)
    type(cells_type), intent(inout) :: self
    type(scene_type), intent(in) :: scene
@@ -64,7 +63,7 @@ subroutine add_source_points(self, scene, error)
       x = cloud%source(:, node)
       outward = self%outward(:, [(findloc(self%set, side_of(k), dim=1), k=1, n)])
       do k = 1, n
-         ! the side of an annulus that is no plane
+         ! curved side of an annulus
          if (cloud%polar .and. side_of(k) <= 2) outward(:, k) = x(:, k) &
             & *merge(-1, 1, side_of(k) == 1)
       end do

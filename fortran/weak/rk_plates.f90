@@ -1,9 +1,9 @@
 !> Sets that move as rigid plates at the end of a tendon: a single spring along a direction.
 !>
-!> The displacement of a plate is an unknown. It stands in a block of its own behind those of the
-!> source points, and the prescribed values of its set are this unknown: they are lifted into the
-!> gradients and held by the penalty as given ones are. Residual and tangent are still derivatives
-!> of one energy, to which the spring adds its own; what the set's points pull at is the spring.
+!> The displacement of a plate is an unknown. It forms a separate block after those of the source
+!> points, and the prescribed values of its set are this unknown: they are lifted into the gradients
+!> and enforced by the penalty like given values. Residual and tangent are still derivatives of one
+!> energy, which includes that of the spring; the points of the set pull at the spring.
 module rk_plates
    use rk_cells, only : cells_type
    use rk_csr, only : csr_type, lengthened
@@ -18,9 +18,9 @@ module rk_plates
 
    !> Plates of a scene
    type :: plates_type
-      !> How many
+      !> Number of plates
       integer :: count = 0
-      !> Blocks before theirs
+      !> Number of blocks before theirs
       integer, private :: before = 0
       !> Condition of each, shape (plates)
       integer, allocatable, private :: condition(:)
@@ -31,8 +31,8 @@ module rk_plates
       procedure :: motion, coupled, add_tendons
    end type plates_type
 
-   !> Stiffness across the direction of a tendon, of that of the penalty of its whole set; with 1e6
-   !> rounding keeps the iteration from its end [-]
+   !> Stiffness across the direction of a tendon, relative to the penalty of its whole set; with 1e6
+   !> rounding errors keep the iteration from converging [-]
    real(wp), parameter :: guide = 1.0e4_wp
 
 contains
@@ -41,7 +41,7 @@ subroutine new_plates(self, scene, cells, before)
    type(plates_type), intent(out) :: self
    type(scene_type), intent(in) :: scene
    type(cells_type), intent(in) :: cells
-   !> Source points, behind which the plates stand
+   !> Number of source points, after which the plates follow
    integer, intent(in) :: before
    integer :: c, i, k, nd, s
 
@@ -62,7 +62,7 @@ subroutine new_plates(self, scene, cells, before)
    end do
 end subroutine new_plates
 
-!> Displacement by which its plate moves a surface point, on the components that follow [length]
+!> Displacement of a surface point with its plate, in the components that follow it [length]
 pure function motion(self, s, x) result(u)
    class(plates_type), intent(in) :: self
    !> Surface point
@@ -78,7 +78,7 @@ pure function motion(self, s, x) result(u)
    end do
 end function motion
 
-!> Source points that cover each surface point, and behind them the plate that it follows
+!> Source points that cover each surface point, and after them the plate that it follows
 pure function coupled(self, neighbour) result(list)
    class(plates_type), intent(in) :: self
    !> Source points that cover each surface point
@@ -93,7 +93,7 @@ pure function coupled(self, neighbour) result(list)
       & s=1, size(plate))], pack(plate, plate > 0)))
 end function coupled
 
-!> Add the stiffness of the tendons, and the forces of ends that are moved
+!> Add the stiffness of the tendons, and the forces of tendon ends that are moved
 subroutine add_tendons(self, scene, cells, penalty, matrix, value, force)
    class(plates_type), intent(in) :: self
    type(scene_type), intent(in) :: scene
@@ -116,7 +116,7 @@ subroutine add_tendons(self, scene, cells, penalty, matrix, value, force)
       associate (mine => scene%condition(self%condition(k)), &
          & d => scene%condition(self%condition(k))%direction(:nd))
          all = sum(penalty, mask=[(cells%in_set(s, mine%set), s=1, size(penalty))])
-         ! along it the tendon; what is across does not move, nor does what stands for nothing
+         ! the tendon acts along it; motion across it and in unused components is constrained
          across = merge(guide*all, 0.0_wp, count(abs(d) > 0.0_wp) > 1)
          do i = 1, nd
             part(:, i) = (mine%tendon - across)*d*d(i)

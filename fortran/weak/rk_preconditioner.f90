@@ -3,10 +3,10 @@
 !> The Laplacian acts on values (rk_nodal_values), with the shear modulus as conductivity. Values of
 !> nodal cells are those at their points, coupled through the facets between the cells. Cells of
 !> Gauss points have theirs at the source points in their corners, coupled along their edges: each
-!> point lends an edge the share that a multilinear function of the corners has, so that cells which
-!> the surface leaves almost empty resist as little as their points do.
+!> point contributes to an edge with the weight of multilinear functions of the corners, so that
+!> cells which the surface leaves almost empty are as soft as the points in them.
 !>
-!> The penalty of prescribed values acts on what the values of the corners make at a surface point.
+!> The penalty of prescribed values acts on the value interpolated from corners at a surface point.
 !> On a nodal cell it acts on the value at its point, which is not on the surface: the geometric
 !> mean of the penalty in use and of the cell's own stiffness errs by the same factor in both
 !> directions.
@@ -31,35 +31,35 @@ module rk_preconditioner
 
    public :: preconditioner_type, new_preconditioner
 
-   !> Inverse of something like the stiffness
+   !> Approximate inverse of the stiffness
    type :: preconditioner_type
       !> Diagonal of the Laplacians, shape (n) [force/length]
       real(wp), allocatable :: diagonal(:)
-      !> Factors, and that of each component: components that are held at the same places share one,
+      !> Factors, and that of each component: components constrained at the same places share one,
       !> shape (nd)
       type(sparse_factor), allocatable, private :: laplacian(:)
       integer, allocatable, private :: factor_of(:)
-      !> Values, for which they stand
+      !> Values on which they act
       type(nodal_values_type), private :: values
    contains
       procedure :: apply
    end type preconditioner_type
 
-   !> What couples and holds values; a pair of source points is ascending
+   !> Couplings and penalties of values; a pair of source points is ascending
    type :: network_type
       !> Couplings: pairs, shape (2, couplings), and conductances [force/length]
       integer, allocatable :: pair(:, :)
       real(wp), allocatable :: conductance(:)
-      !> Stiffness of each source point, of its own, that pieces which nothing holds keep, shape
-      !> (ns) [force/length]
+      !> Small stiffness added to each source point, so that components without any constraint keep
+      !> a factor, shape (ns) [force/length]
       real(wp), allocatable :: own(:)
-      !> Penalties: surface points, shape (n), pairs, of which both are one where there is no other,
+      !> Penalties: surface points, shape (n), pairs, twice the same point where there is only one,
       !> shape (2, n), and stiffness, shape (2, 2, n) [force/length]
       integer, allocatable :: surface(:), holds(:, :)
       real(wp), allocatable :: penalty(:, :, :)
    end type network_type
 
-   !> Stiffness of a cell, of its own, that pieces which nothing holds keep: their factor exists [-]
+   !> Added share of a cell's stiffness, so that components without any constraint keep a factor [-]
    real(wp), parameter :: slight = 1.0e-6_wp
    !> Chebyshev steps from values to coefficients: a spindle of voxels whose blocks are cut by the
    !> surface takes 600 iterations to 1e-6 with three of them, 370 with six and 350 with ten
@@ -78,7 +78,7 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
    type(shape_type), intent(in) :: inside
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   !> Error handling: a component that nothing holds
+   !> Error handling: a component without any constraint
    type(error_type), allocatable, intent(out) :: error
    type(network_type) :: network
    type(symmetric_matrix) :: graph
@@ -100,7 +100,7 @@ subroutine new_preconditioner(self, scene, cells, surface, inside, shear, error)
       call new_nodal_values(self%values, at_sources, cell, corner_steps)
       call corner_network(network, scene, cells, surface, shear)
    end if
-   ! every source point has a diagonal, also one that nothing touches
+   ! every source point has a diagonal entry, even without any coupling
    associate (pair => reshape([network%pair, network%holds], [2, size(network%pair, 2) &
       & + size(network%holds, 2)]))
       call new_symmetric(graph, 1, n, csr_type([(int(2*k, i8), k=0, size(pair, 2)), &

@@ -1,10 +1,10 @@
-!> Deformation gradient at any place, from those that are smoothed over nodal cells.
+!> Deformation gradient at any place, recovered from those smoothed over nodal cells.
 !>
 !> Smoothed gradients do not see displacements that alternate from one source point to the next,
-!> and these are hardly resisted where the body is stiff against its stabilisation. Their
-!> derivatives between the source points are of the size of the strains. The gradients of the
-!> cells, of which the equilibrium consists, are reproduced instead, as values at the centres of
-!> the cells: linear fields are exact up to the surface.
+!> and these meet little resistance where the body is stiff compared with its stabilisation. Their
+!> derivatives between the source points are as large as the strains. The gradients of the cells,
+!> which are those in the equilibrium, are interpolated instead, as values at the centres of the
+!> cells: linear fields are exact up to the surface.
 !>
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
 !>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
@@ -22,7 +22,7 @@ module rk_recovery
 
    !> Shape functions of the cells' centres
    type :: recovery_type
-      !> Where they are known: collocation points, then the points of probes, shape (nd, n) [length]
+      !> Places where they are known: collocation points, then probes, shape (nd, n) [length]
       real(wp), allocatable :: place(:, :)
       !> Number of collocation points
       integer :: points = 0
@@ -57,7 +57,7 @@ subroutine new_recovery(self, scene, cells, error)
       end do
       self%place = self%place(:, :n)
    end associate
-   ! of a cell in several groups one point
+   ! one point of a cell that is in several groups
    seen = .false.
    do i = 1, size(cells%node)
       first(i) = .not. seen(cells%node(i))
@@ -87,7 +87,7 @@ function gradient_at(self, ip, x, cell) result(f)
    integer, pointer, contiguous :: nodes(:)
    integer :: i
 
-   ! the weights sum to one but for rounding
+   ! the weights sum to one up to rounding
    f = identity
    call self%row(ip, x, nodes, values)
    do i = 1, size(nodes)
@@ -95,7 +95,7 @@ function gradient_at(self, ip, x, cell) result(f)
    end do
 end function gradient_at
 
-!> Cells whose gradients make that at a collocation point or a probe, with their weights
+!> Cells whose gradients give that at a collocation point or a probe, with their weights
 subroutine row(self, ip, x, nodes, values)
    class(recovery_type), target, intent(in) :: self
    integer, intent(in) :: ip

@@ -1,10 +1,10 @@
-!> Force on a side that slides, such as a plane of symmetry, where an adjacent side holds the same
-!> component.
+!> Force on a side that slides, such as a plane of symmetry, where an adjacent side constrains the
+!> same component.
 !>
-!> Support forces from work in a motion of source points are as exact as the energy. A motion of one
-!> side alone jumps at the corner, where the force has errors of the penalty and of what lifted
-!> values do not reproduce. The motion used here continues on the adjacent side such that neither
-!> constant nor linear tractions do work there: what remains is the force of the slide.
+!> Support forces from work in a motion of source points are as accurate as the energy. A motion of
+!> one side alone jumps at the corner, where the force has errors of the penalty and of the lifted
+!> values. The motion used here continues on the adjacent side such that neither constant nor linear
+!> tractions do work there: what remains is the force of the slide.
 module rk_slides
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
@@ -17,18 +17,18 @@ module rk_slides
 
    public :: moments, slides_on, slide_motion
 
-   !> Lines of source points parallel to the slide that move
+   !> Number of lines of source points parallel to the slide that move
    integer, parameter :: lines = 3
-   !> Least lines of a body: with fewer, motions in it and in a second solution on half of them
-   !> would reach across it, with similar errors
+   !> Least number of lines of a body: with fewer, motions in it and in a second solution on half of
+   !> them would reach across it, with similar errors
    integer, parameter :: least_lines = 2*lines + 1
    !> A determinant below this share of its products is zero
    real(wp), parameter :: dependent = 1.0e-6_wp
 
 contains
 
-!> Component that a flat side of a lattice holds if it holds its normal one only, and everywhere; 0
-!> otherwise
+!> Component that a flat side of a lattice constrains if that is only its normal one, and
+!> everywhere; 0 otherwise
 pure integer function slides_on(cloud, surface, cells, side) result(i)
    type(cloud_type), intent(in) :: cloud
    type(surface_type), intent(in) :: surface
@@ -52,8 +52,8 @@ end function slides_on
 
 !> Motion of source points that is one on a slide, and in which neither constant nor linear
 !> tractions on an adjacent side do work, shape (ns) [-]; zero in 3-D, and if that side does not
-!> meet the slide, does not hold its component everywhere, has too few points, or nothing is held
-!> at its other end, where the singular rim makes its tractions far from linear
+!> meet the slide, does not constrain its component everywhere, has too few points, or has a free
+!> side at its other end, where the singular rim makes its tractions far from linear
 function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
    type(cloud_type), intent(in) :: cloud
    type(surface_type), intent(in) :: surface

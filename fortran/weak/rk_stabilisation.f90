@@ -1,11 +1,11 @@
 !> Resistance of nodal cells to gradients that vary within them.
 !>
-!> One gradient for each cell leaves deformations without resistance that change sign from cell to
-!> cell. Their second derivatives do not vanish: these are resisted as the energy of a gradient that
-!> varies linearly over the cell is. Linear displacements have none.
+!> With one gradient for each cell, deformations that change sign from cell to cell meet no
+!> resistance. Their second derivatives do not vanish: these are given the energy of a gradient that
+!> varies linearly over the cell. Linear displacements have none.
 !>
-!> Cells of a group share few pressures. Within a group, volume could go from one cell to the next
-!> against shear alone; a part of the bulk modulus that is too small to lock acts in each cell.
+!> Cells of a group share few pressures. Within a group, only shear would resist an exchange of
+!> volume between cells; a part of the bulk modulus that is too small to lock acts in each cell.
 !>
 !> Reference: Hillman, Chen, Int. J. Numer. Meth. Engng 107 (2016), doi:10.1002/nme.5183
 module rk_stabilisation
@@ -23,12 +23,12 @@ module rk_stabilisation
 
    !> Bulk modulus in each cell over its shear modulus: that of a Poisson's ratio of 0.35
    real(wp), parameter :: local_share = 3.0_wp
-   !> The same where a tangent is judged: blocks pressed between rollers have false negative modes
-   !> with 0.3 and none from 0.9 on, and more stiffens what bends with few cells across
+   !> The same where the stability of a tangent is judged: blocks pressed between rollers have false
+   !> negative modes with 0.3 and none from 0.9 on; more stiffens bending with few cells across
    real(wp), parameter :: judged_share = 1.0_wp
-   !> Bulk moduli of a group that differ by less, of their mean, are one
+   !> Relative difference below which the bulk moduli of a group count as equal
    real(wp), parameter :: equal = 1.0e-12_wp
-   !> Softness of points beside much softer ones: polynomials that only they distinguish keep a norm
+   !> Least softness of stiff points: polynomials that only they distinguish keep a norm
    real(wp), parameter :: least = 1.0e-6_wp
 
 contains
@@ -78,7 +78,7 @@ end subroutine stabilise
 
 !> Share the bulk modulus among the volume ratio at each point and its projection in each group. At
 !> one pressure the changes of volume of soft and stiff points add up: the modulus of a group is the
-!> harmonic mean, or the stiff points would take the others' change of volume away.
+!> harmonic mean; otherwise stiff points would suppress the change of volume of the others.
 subroutine share_bulk(mixture, cells, nc, local, projected, softness)
    !> Materials of the collocation points and, after them, of the integration points
    type(mixture_type), intent(in) :: mixture
@@ -107,9 +107,9 @@ subroutine share_bulk(mixture, cells, nc, local, projected, softness)
       associate (first => cells%first(g) + 1, last => cells%first(g + 1))
          projected(g) = sum(cells%weight(first:last)*bulk(first:last)) &
             & /sum(cells%weight(first:last))
-         ! a mean of reciprocals is one of positive moduli only
+         ! a harmonic mean needs positive moduli
          if (.not. minval(bulk(first:last)) > 0.0_wp) cycle
-         ! moduli that differ by rounding are one
+         ! moduli that differ by rounding count as equal
          if (minval(bulk(first:last)) >= (1.0_wp - equal)*projected(g)) cycle
          projected(g) = sum(cells%weight(first:last)) &
             & /sum(cells%weight(first:last)/bulk(first:last))
@@ -118,13 +118,13 @@ subroutine share_bulk(mixture, cells, nc, local, projected, softness)
    end do
 end subroutine share_bulk
 
-!> Bulk modulus that a place may resist with what its group's pressure leaves free: no more than a
-!> material that does not lock has, and pressures need a modulus of their own [stress]
+!> Bulk modulus with which a place may resist volume changes that its group's pressure leaves free:
+!> no more than in a material that does not lock, and part of it is left for pressures [stress]
 real(wp) function bulk_within(mixture, i, share)
    type(mixture_type), intent(in) :: mixture
    !> Collocation or integration point
    integer, intent(in) :: i
-   !> Most of it, of the shear modulus [-]
+   !> Its upper limit, relative to the shear modulus [-]
    real(wp), intent(in) :: share
 
    bulk_within = min(0.5_wp*mixture%bulk_at_one_pressure(i), &

@@ -1,21 +1,21 @@
 !> Tangent of the Galerkin form: a sparse matrix solved directly or, where its factor would not fit,
-!> never formed and solved by minimal residuals.
+!> matrix-free and solved by minimal residuals.
 !>
-!> The factor of a coupled solid grows like n^(4/3) with n unknowns and the whole patch of a group
-!> couples. Without forming it, the tangent is A + B^T K B with the stiffness A at constant volume
+!> The factor of a coupled solid grows like n^(4/3) with n unknowns, and the whole patch of a group
+!> is coupled. The tangent that is not formed is A + B^T K B with the stiffness A at constant volume
 !> and one row of B for each pressure. With the pressures as unknowns,
 !>
 !>     (A + B^T k B) u + B^T p = f,   B u - p/(K - k) = 0,
 !>
-!> nothing of the size of K is left. The part k of K stays with the displacements, since A alone
-!> need not resist a change of volume: the invariants of most laws are not isochoric, and their
-!> longitudinal stiffness is negative in table 4.1 of the thesis. Pressures are preconditioned by
-!> that part k, displacements as rk_preconditioner says. The number of iterations then does not
-!> grow with the number of points, given groups of cells that satisfy the inf-sup condition.
+!> no coefficient of the size of K is left. The part k of K stays with the displacements, since A
+!> alone need not resist a change of volume: the invariants of most laws are not isochoric, and
+!> their longitudinal stiffness is negative in table 4.1 of the thesis. Pressures are preconditioned
+!> by that part k, displacements by rk_preconditioner. The number of iterations then does not grow
+!> with the number of points, given groups of cells that satisfy the inf-sup condition.
 !>
-!> A step of Newton's iteration is solved to the digits that the iteration can use, and what it
-!> leaves of volume must not come back as K times as large a force. The pressures of such a solve
-!> are therefore carried to the next place: its tangent has them, and its solve begins with them.
+!> Newton steps are solved only as accurately as the iteration needs, and the volume error they
+!> leave must not return as a force K times as large. The pressures of such a solve are therefore
+!> carried to the next place: its tangent uses them, and its solve starts from them.
 !>
 !> Reference: Elman, Silvester, Wathen, Finite Elements and Fast Iterative Solvers, Oxford (2014),
 !>            section 4.2, doi:10.1093/acprof:oso/9780199678792.001.0001;
@@ -45,23 +45,23 @@ module rk_tangent
 
    public :: tangent_type, new_tangent
 
-   !> Tangent; as a matrix it is the whole of it where it is formed, otherwise what supports the
-   !> surface, with what pressures that follow it add in the linearisation
+   !> Tangent; the matrix is the whole tangent where it is formed, otherwise the part of supports on
+   !> the surface, with that of follower pressures in the linearisation
    type, extends(symmetric_matrix) :: tangent_type
-      !> The matrix holds all of it
+      !> The matrix is the whole tangent
       logical :: formed = .true.
       !> Stiffness of the groups where it is not formed
       type(group_stiffness) :: groups
-      !> Where it is not formed the stabilisation of a component by source points
+      !> Stabilisation of a component by source points, where the tangent is not formed
       type(sparse_rows), private :: stabilising
-      !> Tolerance of Newton's iteration, whose solves need no more digits [-]
+      !> Tolerance of Newton's iteration, whose solves need no higher accuracy [-]
       real(wp) :: wanted = 0.0_wp
-      !> Pressures that go from one solve to the next where it is not formed
+      !> Pressures carried from one solve to the next where it is not formed
       type(carried_pressure) :: pressures
       !> Norms of the right hand side at the last converged state and of the last solve in this load
       !> step, 0 before
       real(wp), private :: first = 0.0_wp, last = 0.0_wp
-      !> For the displacements
+      !> Preconditioner of the displacements
       type(preconditioner_type), private :: preconditioner
    contains
       procedure :: forget, measure, keep_group, complete, constant_product, apply, solve_square
@@ -76,20 +76,20 @@ module rk_tangent
       procedure :: multiply, precondition
    end type saddle_type
 
-   !> Residual of a solve: that of the displacement form is K over the shear modulus larger
+   !> Residual of a solve: that of the displacement form is larger by K over the shear modulus
    real(wp), parameter :: tolerance = 1.0e-7_wp
-   !> Residual of the first solve of a load step, of that of the last converged state, and the
-   !> largest one of all solves
+   !> Residual of the first solve of a load step, relative to that of the last converged state, and
+   !> the largest one of all solves
    real(wp), parameter :: first_share = 1.0e-2_wp, largest_share = 0.1_wp
    !> Share of its own right hand side that the first solve leaves, however near the load step
-   !> begins: what is not linear leaves as much [-]
+   !> begins: the nonlinear part leaves as much [-]
    real(wp), parameter :: first_least = 1.0e-3_wp
-   !> Share of the fall of right hand sides, squared, that the next solve leaves; and of the
-   !> tolerance, which is also asked of the residual of the displacement form
+   !> Share of the squared ratio of right hand sides that the next solve leaves; and share of the
+   !> tolerance, which must also hold for the residual of the displacement form
    real(wp), parameter :: forcing = 0.9_wp, enough = 1.0e-2_wp
-   !> Residual of a solve that ran out of iterations and still makes a step worth taking
+   !> Residual up to which the step of a solve that ran out of iterations is still taken
    real(wp), parameter :: acceptable = 1.0e-3_wp
-   !> Iterations of a solve
+   !> Largest number of iterations of a solve
    integer, parameter :: most = 3000
 
 contains
@@ -111,7 +111,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
    type(shape_type), intent(in) :: inside
    !> Shear modulus at each point, shape (np) [stress]
    real(wp), intent(in) :: shear(:)
-   !> Error handling: no memory, source points to be held without a factor
+   !> Error handling: no memory, constraints at source points without a factor
    type(error_type), allocatable, intent(out) :: error
    integer :: k
 
@@ -131,7 +131,7 @@ subroutine new_tangent(self, scene, ns, cells, gradient, multiplier, surface, in
       self%once = allocated(scene%equation%problem)
       return
    end if
-   ! a diagonal for all
+   ! a diagonal entry for all
    call new_symmetric(self%symmetric_matrix, gradient%nd, ns, joined(csr_type( &
       & [(int(k, i8), k=0, ns)], [(k, k=1, ns)]), surface%coupled()))
    call new_group_stiffness(self%groups, cells, shear)
@@ -146,7 +146,7 @@ subroutine forget(self)
    self%first = 0.0_wp
    self%last = 0.0_wp
    call self%pressures%forget()
-   ! a load step must not depend on whether this run or another has done those before
+   ! a load step must not depend on whether earlier ones were done by this run or another
    call self%let_go()
 end subroutine forget
 
@@ -174,8 +174,8 @@ subroutine keep_group(self, g, bulk, moduli, pressure, jump)
    if (.not. self%pressures%carrying) self%pressures%carried(:, g) = pressure
 end subroutine keep_group
 
-!> Complete the constant part, which has the supports: stabilise nodal cells in it, or as rows of
-!> their own where the tangent is not formed
+!> Complete the constant part, which has the supports: stabilise nodal cells in it, or in separate
+!> rows where the tangent is not formed
 subroutine complete(self, cells, inside, modulus)
    !> Tangent, whose entries are those of the supports
    class(tangent_type), intent(inout) :: self
@@ -241,7 +241,7 @@ subroutine apply(self, x, y)
    call self%add_skew(1.0_wp, x, y)
 end subroutine apply
 
-!> Newton's step, by as many digits as the iteration can use
+!> Newton step, solved as accurately as the iteration needs
 recursive subroutine solve_square(self, shift, b, x, report, error)
    class(tangent_type), target, intent(inout) :: self
    real(wp), intent(in) :: shift
@@ -278,8 +278,8 @@ recursive subroutine solve_square(self, shift, b, x, report, error)
    call self%pressures%note(x, gained)
 end subroutine solve_square
 
-!> Size of a right hand side in the norm of the preconditioner, with the pressures that are carried
-!> in place of those of the volume; the first of a load step is what solves are relative to
+!> Size of a right hand side in the norm of the preconditioner, with the carried pressures in place
+!> of those of the volume; solves are relative to the first one of a load step
 subroutine measure(self, b, norm)
    !> Tangent, which is not formed
    class(tangent_type), target, intent(inout) :: self
@@ -293,14 +293,14 @@ subroutine measure(self, b, norm)
    if (.not. self%first > 0.0_wp) self%first = norm
 end subroutine measure
 
-!> What is left of a right hand side by the pressures with which its solve begins
+!> Right hand side that remains with the pressures from which its solve starts
 subroutine begin_solve(self, shift, b, right, start, norm)
    class(tangent_type), target, intent(in) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
-   !> That of displacements and pressures, and these at the beginning
+   !> That of displacements and pressures, and these at the start
    real(wp), allocatable, intent(out) :: right(:), start(:)
    !> Norm of the right hand side by the preconditioner, > 0
    real(wp), intent(out) :: norm
@@ -331,13 +331,13 @@ subroutine solve_saddle(self, shift, share, right, both, report, error)
    class(tangent_type), target, intent(in) :: self
    !> Damping in units of the diagonal, >= 0 [-]
    real(wp), intent(in) :: shift
-   !> Residual that may be left, of the right hand side [-]
+   !> Residual that may be left, relative to the right hand side [-]
    real(wp), intent(in) :: share
    !> Right hand side
    real(wp), contiguous, intent(in) :: right(:)
    !> Displacements and pressures
    real(wp), contiguous, intent(inout) :: both(:)
-   !> What was used and how good it is
+   !> Report on the solver and its accuracy
    type(square_report), intent(out) :: report
    !> Error handling: no convergence
    type(error_type), allocatable, intent(out) :: error
@@ -357,7 +357,7 @@ subroutine solve_saddle(self, shift, share, right, both, report, error)
       & //to_text(self%n)//' where memory allows')
 end subroutine solve_saddle
 
-!> Places of a group's pressures behind the displacements
+!> Indices of a group's pressures after the displacements
 pure function places(self, g)
    class(tangent_type), intent(in) :: self
    !> Group
@@ -387,7 +387,7 @@ subroutine multiply(self, x, y)
          associate (b => tangent%groups%pressure%count(g))
             volume(:b, g) = volume(:b, g) - pressure(:b, g) &
                & /(tangent%groups%bulk(g) - tangent%groups%kept(g))
-            ! polynomials that a small group does not have
+            ! polynomials that a small group lacks
             volume(b + 1:, g) = pressure(b + 1:, g)
          end associate
       end do
@@ -405,7 +405,7 @@ subroutine precondition(self, x, y)
    associate (tangent => self%tangent, n => self%tangent%n)
       own = size(tangent%preconditioner%diagonal)
       call tangent%preconditioner%apply(x(:own), y(:own))
-      ! a penalty couples a plate with its set: a single eigenvalue is left far below the others
+      ! a penalty couples a plate with its set: a single eigenvalue remains far below the others
       y(own + 1:n) = x(own + 1:n)/of_plates(tangent)
       rows = size(tangent%groups%pressure%total, 1)
       do g = 1, size(tangent%groups%bulk)
@@ -417,7 +417,7 @@ subroutine precondition(self, x, y)
    end associate
 end subroutine precondition
 
-!> Diagonal of the unknowns of plates, which stand behind those of the source points [force/length]
+!> Diagonal of the unknowns of plates, which follow those of the source points [force/length]
 pure function of_plates(self) result(diagonal)
    class(tangent_type), intent(in) :: self
    real(wp) :: diagonal(self%n - size(self%preconditioner%diagonal))

@@ -1,13 +1,13 @@
-!> Stress on walls: sides of a plane lattice that hold all components.
+!> Stress on walls: sides of a plane lattice on which all components are constrained.
 !>
-!> Support forces on the source points of a wall are as exact as the energy; near each place a
+!> Support forces on the source points of a wall are as accurate as the energy; near each place a
 !> quadratic traction is fitted to them. The derivative of the displacement along the wall is the
 !> prescribed one; that across it puts the stress of the material law in equilibrium with the
-!> traction. Derivatives of the approximation and pressures of groups are far less exact there.
+!> traction. Derivatives of the approximation and pressures of groups are far less accurate there.
 !>
 !> Where a wall meets a plane of symmetry at a right angle, the traction normal to the plane is an
-!> odd function across it, the other component an even one: what one-sided fits make of forces that
-!> alternate from point to point is an error of first order there.
+!> odd function across it, the other component an even one: one-sided fits to forces that alternate
+!> from point to point have a first-order error there.
 module rk_walls
    use rk_cells, only : cells_type
    use rk_conditions, only : conditions_at
@@ -27,11 +27,11 @@ module rk_walls
    type, extends(free_faces_type) :: walls_type
       !> Sides that are walls, shape (sides)
       logical, allocatable :: side(:)
-      !> Source points whose forces give each component of the traction at a place, and weights
+      !> Source points whose forces give each traction component at a place, and their weights
       !> [1/length], shape (fit, nd, places)
       integer, allocatable :: node(:, :, :)
       real(wp), allocatable :: share(:, :, :)
-      !> Derivatives along the wall of the displacement that each load factor prescribes, shape
+      !> Derivatives along the wall of the displacement prescribed by each load factor, shape
       !> (factors, nd, places) [-]
       real(wp), allocatable :: slope(:, :, :)
    contains
@@ -44,15 +44,15 @@ module rk_walls
    real(wp), parameter :: on_side = 1.0e-6_wp
    !> Half the step of difference quotients, in spacings [-]
    real(wp), parameter :: small = 1.0e-4_wp
-   !> Derivatives of prescribed displacements up to which these are even or constant, rounding of
-   !> their difference quotients [-]
+   !> Derivatives of prescribed displacements up to which these count as even or constant, given the
+   !> rounding of their difference quotients [-]
    real(wp), parameter :: level = 1.0e-8_wp
 
 contains
 
-!> Find the places and the weights of their tractions. A side with few source points of its own is
-!> no wall. A place on two walls, or at an end of one beside a free side, has no traction; where the
-!> adjacent side holds a component, fits of that component omit the source points of both
+!> Find the places and the weights of their tractions. A side with few source points that no other
+!> side constrains is not a wall. A place on two walls, or at an end of one beside a free side, has
+!> no traction; fits of a component the adjacent side constrains omit the source points of both
 subroutine new_walls(self, scene, cells, surface, error)
    type(walls_type), intent(out) :: self
    type(scene_type), intent(in) :: scene
@@ -131,7 +131,7 @@ subroutine new_walls(self, scene, cells, surface, error)
 
 contains
 
-   !> Source points where no other side holds a component
+   !> Source points where no other side constrains a component
    pure function own_points(side, k) result(own)
       integer, intent(in) :: side, k
       integer, allocatable :: own(:)
@@ -159,13 +159,13 @@ contains
 end subroutine new_walls
 
 !> Component normal to a side beside a wall that is a plane of symmetry of an isotropic body; 0 if
-!> it is none, or what the wall prescribes has a kink there
+!> the side is no such plane, or the displacement prescribed on the wall has a kink there
 pure integer function mirrored(scene, cells, surface, side, slope) result(i)
    type(scene_type), intent(in) :: scene
    type(cells_type), intent(in) :: cells
    type(surface_type), intent(in) :: surface
    integer, intent(in) :: side
-   !> Derivatives along the wall that each load factor prescribes, shape (factors, 2) [-]
+   !> Derivatives along the wall prescribed by each load factor, shape (factors, 2) [-]
    real(wp), intent(in) :: slope(:, :)
    integer :: k, s
 
@@ -184,7 +184,7 @@ end function mirrored
 
 !> Outward normal of a side at a place on it
 pure function outward(polar, side, x) result(normal)
-   !> Sides of an annulus
+   !> Whether the sides are those of an annulus
    logical, intent(in) :: polar
    integer, intent(in) :: side
    real(wp), intent(in) :: x(2)
@@ -223,8 +223,8 @@ subroutine set_slope(scene, cells, side, x, normal, slope, error)
    slope = (value(:, :2, 2) - value(:, :2, 1))/(2.0_wp*norm2(way))
 end subroutine set_slope
 
-!> Weights that give the traction at a place from forces on source points: least squares fit of a
-!> quadratic traction
+!> Weights of forces on source points for the traction at a place: least squares fit of a quadratic
+!> traction
 subroutine fit_traction(source, moment, x, normal, even, node, share)
    !> Source points, and the moments of their shape functions, shape (2, n) and (6, n)
    real(wp), intent(in) :: source(:, :), moment(:, :)
@@ -232,7 +232,7 @@ subroutine fit_traction(source, moment, x, normal, even, node, share)
    real(wp), intent(in) :: x(:), normal(:)
    !> The traction is an even function along the wall
    logical, intent(in) :: even
-   !> The nearest ones, and their weights
+   !> The nearest source points, and their weights
    integer, intent(out) :: node(:)
    real(wp), intent(out) :: share(:)
    real(wp) :: away(size(source, 2)), a(size(node), 3), m(3, 3), t(2), at, reach

@@ -1,5 +1,5 @@
-!> Conditions on the surface of a weak form: penalty of prescribed displacements and tractions, the
-!> forces of these and of loads inside, and those through boundary sets.
+!> Conditions on the surface of a weak form: penalty of prescribed displacements, tractions, the
+!> forces of both and of loads inside, and forces through boundary sets.
 module rk_weak_conditions
    use rk_cells, only : cells_type
    use rk_conditions, only : conditions_at
@@ -19,21 +19,21 @@ module rk_weak_conditions
 
    public :: surface_type, set_conditions, prescribed_at, add_load, new_pins
 
-   !> Penalty of a source point that is held, in shear moduli times spacing^(nd-2): with 1e6
-   !> rounding keeps a tube of 9x51 points from its end [-]
+   !> Penalty of a constrained source point, in shear moduli times spacing^(nd-2): with 1e6
+   !> rounding errors keep a tube of 9x51 points from converging [-]
    real(wp), parameter :: firmly = 1.0e4_wp
 
-   !> What holds at the surface points of integration cells
+   !> Conditions at the surface points of integration cells
    type :: surface_type
       !> Shape functions
       type(shape_type) :: shape
       !> Components prescribed at each point, shape (fields, ms)
       logical, allocatable :: essential(:, :)
-      !> Their values that each load factor makes, shape (factors, fields, ms) [length]
+      !> Their values due to each load factor, shape (factors, fields, ms) [length]
       real(wp), allocatable :: value(:, :, :)
-      !> Tractions of the others that each makes, shape (factors, fields, ms) [force/area]
+      !> Tractions of the others due to each, shape (factors, fields, ms) [force/area]
       real(wp), allocatable :: traction(:, :, :)
-      !> Pressures that follow the surface, that each load factor makes, shape (factors, ms); not
+      !> Follower pressures on the surface due to each load factor, shape (factors, ms); not
       !> allocated where there are none [force/area]
       real(wp), allocatable :: pressure(:, :)
       !> Springs on the components that are not prescribed, shape (nd, ms); not allocated where
@@ -43,7 +43,7 @@ module rk_weak_conditions
       type(plates_type) :: plates
       !> Area of each point, shape (ms) [length^(nd-1)]
       real(wp), allocatable :: area(:)
-      !> That of the smooth surface behind it, on which loads per area act, shape (ms): faces of
+      !> Area of the smooth surface it represents, on which loads per area act, shape (ms): faces of
       !> voxels have more, on a cylinder 4/pi times as much [length^(nd-1)]
       real(wp), allocatable :: bearing(:)
       !> Penalty times area of each point, shape (ms) [force/length]
@@ -90,13 +90,13 @@ subroutine set_conditions(self, scene, cells, shear, error)
    end do
 end subroutine set_conditions
 
-!> What is prescribed at surface points
+!> Prescribed values and tractions at surface points
 subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
    type(scene_type), intent(in) :: scene
    type(cells_type), intent(in) :: cells
    !> Prescribed components, shape (fields, ms)
    logical, allocatable, intent(out) :: essential(:, :)
-   !> Values of these and tractions of the others that each load factor makes, shape
+   !> Values of these and tractions of the others due to each load factor, shape
    !> (factors, fields, ms) [length], [force/area]
    real(wp), allocatable, intent(out) :: value(:, :, :), traction(:, :, :)
    !> Error handling: no direction on the axis, an expression that is not finite
@@ -123,9 +123,9 @@ subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
    end do
 end subroutine prescribed_at
 
-!> Springs at the pins of a linear problem, which hold what nothing pushes
+!> Springs at the pins of a linear problem, which fix motions that no load drives
 subroutine new_pins(self, scene, stiffness, error)
-   !> Points at which values are held
+   !> Points at which values are constrained
    type(surface_type), intent(inout) :: self
    !> Scene with an equation
    type(scene_type), intent(in) :: scene
@@ -170,7 +170,7 @@ pure function gradient_at(self, s, x) result(f)
    f(:nd, :nd) = f(:nd, :nd) + u(:, 2:1 + nd)
 end function gradient_at
 
-!> Force of a pressure on the deformed surface at a point, on the components that are not prescribed
+!> Force of a pressure on the deformed surface at a point, in components that are not prescribed
 pure function pressure_force(self, cells, s, p, x) result(force)
    class(surface_type), intent(in) :: self
    type(cells_type), intent(in) :: cells
@@ -192,7 +192,7 @@ end function pressure_force
 subroutine set_varying(self, cells, displacement, stress)
    class(surface_type), intent(inout) :: self
    type(cells_type), intent(in) :: cells
-   !> Displacement of the essential components, shape (3, ms) [length]
+   !> Displacement of the prescribed components, shape (3, ms) [length]
    real(wp), intent(in) :: displacement(:, :)
    !> Stress P(i, A) whose traction the other components carry, shape (3, 3, ms) [stress]
    real(wp), intent(in) :: stress(:, :, :)
@@ -234,20 +234,20 @@ subroutine set_penalty(self, scene, cells, shear)
    exactly = scene%galerkin%essential == 'transformation'
    near = nearest_points(scene%cloud%source, cells%surface)
    do s = 1, size(cells%set)
-      ! of several tissues behind it the stiffest
+      ! the stiffest of several tissues behind it
       stiffest = maxval(shear(cells%lift_point(cells%lift_first(s) + 1:cells%lift_first(s + 1))))
       if (.not. norm2(cells%outward(:, s)) > 0.0_wp) then
          self%penalty(s) = firmly*stiffest*scene%cloud%mean_spacing()**(scene%cloud%nd - 2)
          cycle
       end if
-      ! the spacing across the surface, which is closer there where points move towards a side
+      ! the spacing across the surface, which is smaller where points are graded towards a side
       spacing = norm2(cells%outward(:, s)*scene%cloud%spacing(:, near(s))) &
          & /norm2(cells%outward(:, s))
       self%penalty(s) = merge(0.0_wp, scene%galerkin%penalty, exactly)/spacing*self%area(s)*stiffest
    end do
 end subroutine set_penalty
 
-!> Source points and plates that each surface point couples, none where nothing holds it
+!> Source points and plates coupled by each surface point, none where it is free
 pure function coupled(self) result(list)
    class(surface_type), intent(in) :: self
    type(csr_type) :: list
@@ -301,7 +301,7 @@ subroutine add_penalty(self, matrix, value)
       if (plate > 0) blocks = [nodes, plate]
       n = size(blocks)
       psi = spread(values(1, :), 2, nd)
-      ! what is held is the way from the plate
+      ! the displacement relative to the plate is constrained
       if (plate > 0) psi = reshape([transpose(psi), merge(-1.0_wp, 0.0_wp, &
          & self%plates%follows(:, s) > 0)], [n, nd], order=[2, 1])
       allocate (part(nd*n, nd*n), source=0.0_wp)
@@ -317,7 +317,7 @@ subroutine add_penalty(self, matrix, value)
    end do
 end subroutine add_penalty
 
-!> Forces of tractions and of the penalty's prescribed values that each load factor makes
+!> Forces of tractions and of the prescribed values in the penalty, due to each load factor
 subroutine add_forces(self, force)
    class(surface_type), intent(in) :: self
    !> Forces, to which these are added, shape (n, factors) [force]
@@ -334,7 +334,7 @@ subroutine add_forces(self, force)
    end do
 end subroutine add_forces
 
-!> Forces of a load at points: of a body force, say
+!> Forces of a load at points, such as a body force
 subroutine add_load(shape, weight, load, force)
    !> Shape functions at the points
    type(shape_type), target, intent(in) :: shape
@@ -359,9 +359,9 @@ subroutine add_load(shape, weight, load, force)
    end do
 end subroutine add_load
 
-!> Force that the surroundings exert on the body through a set: what does work when the set moves;
-!> or its moment in the deformed position: what does work when it turns there; or its work in a
-!> motion of the source points
+!> Force that the surroundings exert on the body through a set, from the work when the set moves; or
+!> its moment in the deformed position, from the work when it turns there; or its work in a motion
+!> of the source points
 function set_force(self, cells, set, state, value, traction, about, motion) result(force)
    class(surface_type), target, intent(in) :: self
    type(cells_type), intent(in) :: cells
@@ -429,7 +429,7 @@ subroutine add_push(self, cells, side, state, push)
    end do
 end subroutine add_push
 
-!> Displacement that is prescribed at a point, by load factors and by the plate it belongs to
+!> Displacement prescribed at a point, by load factors and by the plate it belongs to
 pure function held_at(self, s, state) result(u)
    class(surface_type), intent(in) :: self
    integer, intent(in) :: s
@@ -441,7 +441,7 @@ pure function held_at(self, s, state) result(u)
    if (self%plates%count > 0) u = u + self%plates%motion(s, state%x)
 end function held_at
 
-!> What load factors make of their parts, component by component
+!> Sum of parts times load factors, component by component
 pure function by_factors(part, factor) result(all)
    !> Part of each factor, shape (factors, fields)
    real(wp), intent(in) :: part(:, :)
@@ -453,7 +453,7 @@ pure function by_factors(part, factor) result(all)
    all = [(combined(part(:, i), factor), i=1, size(all))]
 end function by_factors
 
-!> Energy of the penalty: supports give way a little [force length]
+!> Energy of the penalty, as supports yield slightly [force length]
 real(wp) function held_energy(self, state) result(energy)
    class(surface_type), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -477,7 +477,7 @@ subroutine add_point_force(self, cells, s, state, held, traction, force, displac
    type(cells_type), intent(in) :: cells
    integer, intent(in) :: s
    type(field_state), intent(in) :: state
-   !> What is prescribed there, shape (nd) [length], [force/area]
+   !> Prescribed displacement and traction there, shape (nd) [length], [force/area]
    real(wp), intent(in) :: held(:), traction(:)
    !> Force, to which that of the point is added [force]
    real(wp), intent(inout) :: force(3)
@@ -509,7 +509,7 @@ subroutine add_point_force(self, cells, s, state, held, traction, force, displac
    displacement(:size(u, 1)) = merge(held, u(:, 1), self%essential(:, s))
 end subroutine add_point_force
 
-!> Stress at a surface point, as the lifting has it
+!> Stress at a surface point as used by the lifting
 pure function lifted_stress(cells, s, state) result(p)
    type(cells_type), intent(in) :: cells
    integer, intent(in) :: s
@@ -524,8 +524,8 @@ pure function lifted_stress(cells, s, state) result(p)
    end do
 end function lifted_stress
 
-!> What lifting and penalty add to the forces on source points, taken by a cut: it is the support of
-!> the surface, not a force inside the body
+!> Contribution of lifting and penalty to the forces on source points, taken by a cut: it belongs to
+!> the supports of the surface and is not a force inside the body
 function held_force(self, cells, cut, state) result(force)
    class(surface_type), target, intent(in) :: self
    type(cells_type), intent(in) :: cells

@@ -1,9 +1,9 @@
 !> Motion of a body in the Galerkin form: M a'' + K a = F, with the penalty of prescribed values at
-!> the new time, as (6.40) has the rows of the boundary.
+!> the new time, like the rows of the boundary in (6.40).
 !>
 !> With the penalty P implicit and the rest of the stiffness explicit, each vector a gives a scalar
 !> equation whose solutions stay bounded where dt^2 (K - P) <= 4 M: the limit is that of K - P, and
-!> a large penalty makes no step small.
+!> a large penalty does not reduce the time step.
 module rk_weak_motion
    use rk_error, only : error_type
    use rk_galerkin, only : galerkin_problem, sources
@@ -63,7 +63,7 @@ subroutine new_weak_motion(self, problem, error)
       if (allocated(error)) return
       self%inertia(q) = density*self%inertia(q)
    end do
-   ! a mass at a point resists as a penalty does
+   ! a mass at a point enters like a penalty
    points%shape = problem%inside
    points%penalty = self%inertia
    allocate (points%essential(problem%fields, size(self%inertia)), source=.true.)
@@ -81,7 +81,7 @@ end subroutine new_weak_motion
 subroutine loads(self, time, force, held, error)
    class(weak_motion), intent(in) :: self
    real(wp), intent(in) :: time
-   !> Loads without the penalty, and its own times the time step squared, shape (n)
+   !> Loads without the penalty, and those of the penalty times the time step squared, shape (n)
    real(wp), allocatable, intent(out) :: force(:), held(:)
    type(error_type), allocatable, intent(out) :: error
    type(field_state) :: at
@@ -93,7 +93,7 @@ subroutine loads(self, time, force, held, error)
       call prescribed_at(problem%scene, problem%cells, essential, value, traction, error, time)
       if (allocated(error)) return
       if (any(abs(value) > 0.0_wp)) then
-         ! what prescribed values alone make of the body
+         ! inner forces due to the prescribed values alone
          call problem%state(force, time, at)
          call problem%inner_forces(at, held)
          force = -held
@@ -121,8 +121,8 @@ subroutine limit(self, step, error)
    if (.not. allocated(error) .and. value > 0.0_wp) step = 2.0_wp/sqrt(value)
 end subroutine limit
 
-!> Coefficients at the start, at rest position, and one time step later, by the projected velocity
-!> (6.42)
+!> Coefficients at the start, in the rest position, and one time step later, by the projected
+!> velocity (6.42)
 subroutine start(self, first, second, error)
    class(weak_motion), intent(inout) :: self
    real(wp), contiguous, intent(inout) :: first(:), second(:)
@@ -141,7 +141,7 @@ subroutine start(self, first, second, error)
    end associate
 end subroutine start
 
-!> Product of a matrix with coefficients; L is mass and penalty, which is that of the new time
+!> Product of a matrix with coefficients; L is mass and penalty, the matrix of the new time
 subroutine product(self, what, x, y)
    class(weak_motion), intent(in) :: self
    character(len=*), intent(in) :: what
@@ -170,7 +170,7 @@ subroutine solve(self, y, x)
    call self%factor%solve(x)
 end subroutine solve
 
-!> Initial velocity by the consistent mass: what is nearest to it
+!> Projection of the initial velocity with the consistent mass
 subroutine project(self, x, error)
    class(weak_motion), intent(in) :: self
    !> Coefficients, shape (n)
