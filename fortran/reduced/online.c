@@ -1,5 +1,5 @@
-/* Volume of a reduced model's states (rk_online), compiled for several kinds of processor: the one at
-   hand is found when the library is loaded. */
+/* Volume of a reduced model's states (rk_online), compiled for several kinds of processor, which
+   the loader chooses from. */
 #include <stdint.h>
 
 #if defined(__x86_64__) && defined(__linux__) && defined(__GNUC__) && !defined(__clang__)
@@ -10,8 +10,8 @@
 
 /* Energy of the changes of volume y = t(z, z, z) with z(0) = 1: pieces of 8 directions each, in which
    t has its entries l <= m <= n, l running first. Adds dy.y to the forces of z(1) .. z(s) and, where
-   wanted, dy.dy + along.d2y to their stiffness up to the diagonal; `along` is set to y first where
-   `restart` says so. `scale` has a factor on the energy of each piece; `room` is that for
+   wanted, dy.dy + along.d2y to their stiffness up to the diagonal; `along` is set to y first if
+   `restart` is set. `scale` has a factor on the energy of each piece; `room` is that for
    (s + 1)(s + 2)/2 + 1 vectors. */
 EACH_PROCESSOR
 void rk_online_volume(int pieces, int s, const double *restrict t, const double *restrict z,

@@ -94,7 +94,8 @@ module rk_online
 
    !> Number of cells whose stresses are summed at a time: they stay in the cache
    integer, parameter :: block = 8
-   !> A step is rejected if its smallest J is below both a floor and this share of the one before [-]
+   !> A step is rejected if its smallest J is below a floor and below this share of the one before
+   !> [-]
    real(wp), parameter :: j_share = 0.2_wp, j_floor = 0.02_wp
 
 contains
