@@ -12,7 +12,8 @@
 !>    traction   (P_iso + p cof F) N = h, displacement u = g   at the boundary points.
 !> Volume rows at all collocation points would lock: there must not be more of them than pressure
 !> unknowns. Row weights balance the parts like the least squares functional with norms of
-!> h Div P, P N and mu u/h, with the shear modulus mu of the state in which a load step begins.
+!> h Div P, P N and mu u/h, with the shear modulus mu at the start of a load step, at full load
+!> that of the answer.
 !> They fade towards edges between clamped and free faces, where the solution is singular, and are
 !> lower on faces, edges and corners, where a point represents less volume or area.
 !>
