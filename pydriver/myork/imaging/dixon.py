@@ -1,13 +1,13 @@
 """Water and fat from magnitude and phase of two or more echoes (Dixon).
 
-An echo is (W + c F) exp(i phase), c being the peaks of fat at the echo time, or 1 in phase and -1
-in opposed phase. The magnitudes of two echoes leave two fractions of fat, each with a phase of its
-own, which is smooth over the body. Pairs of voxels up to some millimetres apart vote for being
-alike or not, and voxels, then groups, join by their votes, also across dark cortex. One choice is
-left for each body: fat lies under the skin.
+An echo is (W + c F) exp(i phase), where c sums the peaks of fat at the echo time, or is 1 in phase
+and -1 in opposed phase. The magnitudes of two echoes admit two fractions of fat, each with its own
+phase, and the true phase is smooth over the body. Pairs of voxels up to some millimetres apart vote
+on whether they agree; voxels, then groups, join by these votes, also across dark cortex. One choice
+is left for each body: fat lies under the skin.
 
-Of more echoes three pairs are separated so, up to whole turns between their echoes. The misfit of
-all echoes chooses turns, decay exp(-R2* t) and, where it is clear, which way around.
+With more echoes, three pairs are separated in this way, up to whole turns between their echoes. The
+misfit of all echoes selects the turns, the decay exp(-R2* t) and, where it is clear, the choice.
 
 References: Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two
 candidates at any echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29
