@@ -1,4 +1,4 @@
-"""Images and label maps in and out. Everything a file can have wrong is found here and named.
+"""Reading and writing of images and label maps. Faults of files are detected and reported here.
 
 NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`formats`).
 """
@@ -24,13 +24,13 @@ from myork.imaging.geometry import check_affine
 from myork.imaging.headers import bids_name
 from myork.records import Image, Labels
 
-# Larger values are no measurement; squares of smaller ones can be added up.
+# Larger values are not measurements; squares of smaller ones can be summed.
 _LARGEST = 1e30
-_WHOLE = 1e-3  # labels are so near to whole numbers
+_WHOLE = 1e-3  # tolerance within which labels count as whole numbers
 _LAST_LABEL = int(np.iinfo(np.int32).max)
-# Scales (scl_slope) below are of values that were spread; larger ones of images
+# Scales (scl_slope) below this spread values over the integer range; larger ones belong to images
 _SPREAD = 0.25
-# sform and qform that differ by more of a voxel are not the same geometry
+# sform and qform that differ by more than this part of a voxel are different geometries
 _APART = 0.5
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
