@@ -33,7 +33,7 @@ def study_of(
     return Study(problem, deck, source, points, order, **{"support": order + 1.0, **rest})
 
 
-#: Limit of a table's time when small cases are wanted [s]
+#: Limit in seconds of a table's time when small cases are wanted
 _QUICK = 3.0
 _PLANE = (
     "plane strain",

@@ -36,8 +36,8 @@ def moved(entry: Mapping[str, Any], points: Any, load: float = 1.0) -> dict[int,
     """Displacements prescribed by a set, by axis: a number or one for each node.
 
     - `entry`: table `[[boundary]]`
+    - `points`: nodes of the set, shape `(n, dim)` [length]
     - `load`: fraction of the full load
-    - `load`: share of the full load
     """
     shift = {
         axis: load * float(entry[f"u_{name}"])

@@ -249,7 +249,7 @@ def test_any_damage(sound: Path, kind: str, count: int) -> None:
     for path in paths:
         assert not refusal(path, []), path
     ends_well()
-    # some numbers are unused
+    # not every number has an effect
     assert any(refused) and (count < 400 or kind != "voxels" or not all(refused))
 
 

@@ -134,7 +134,7 @@ def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
 
 
 def inclined(mean: NDArray[Any], angle: float) -> NDArray[Any]:
-    """A direction at an angle [degree] to the leg axis, inclined to the side of a mean fiber."""
+    """A direction at an angle in degrees to the leg axis, inclined to the side of a mean fiber."""
     side = mean[:2] / np.linalg.norm(mean[:2])
     turn = np.radians(angle)
     return np.array([*(np.sin(turn) * side), np.cos(turn)])

@@ -25,8 +25,8 @@ class Cells(NamedTuple):
     #: Fraction and direction of the fibers, shapes `(ne,)`, `(3, ne)`
     fraction: F64
     fiber: F64
-    #: Derivatives of `a` and `local_bulk` with respect to material parameters, shapes `(9, nc,
-    #: nm)`, `(nc, nm)`
+    #: Derivatives of `a` and `local_bulk` by material parameters, shapes `(9, nc, nm)`,
+    #: `(nc, nm)`
     a_slope: F64
     bulk_slope: F64
 

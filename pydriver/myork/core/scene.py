@@ -1,4 +1,4 @@
-"""Scenes held open in the compiled core: solve, evaluate, reduce."""
+"""Open scenes in the compiled core: solve, evaluate, reduce."""
 
 import contextlib
 import json

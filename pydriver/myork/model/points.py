@@ -19,8 +19,8 @@ from myork.types import F64, I32, Index, Mask
 # Label of voxels outside the model that are bone
 BONE = -1
 # Part of a block from which on it belongs to the body [-]. The volume is correct in any case:
-# blocks below it give theirs to neighbours. The force of a spindle 5 to 8 blocks across was 2 to 6
-# % low with a half, 2 to 3 % high with a tenth, and within 1 % with a third.
+# blocks below it give theirs to neighbours. With a half, the force of a spindle 5 to 8 blocks
+# across was 2 to 6 % low, with a tenth 2 to 3 % high, with a third within 1 %.
 _FILLED = 1.0 / 3.0
 
 

@@ -24,7 +24,7 @@ _LEAST = 0.1
 
 
 def checked_parts(image: Image, labels: Labels) -> Image:
-    """Refuse fractions that do not match the labels of a map, or are not between 0 and 1.
+    """Refuse fractions that do not match the labels of a map, or are not fractions.
 
     - `image`: shape `(ni, nj, nk, nlabel)`
     - `labels`: label map; the fractions are of its labels above zero, one each, ascending

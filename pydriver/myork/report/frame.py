@@ -57,7 +57,7 @@ class Page(NamedTuple):
 
 
 def render(template: str, **values: Any) -> Markup:
-    """Fill in a template file; a name without a value is an error."""
+    """Fill in a file of `templates`; a name without a value is an error."""
     return Markup(_environment().get_template(template).render(values))
 
 

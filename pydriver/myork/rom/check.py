@@ -193,7 +193,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     good = answer.converged
     if not good.any():
         raise ConvergenceError("the reduced model did not converge at any test state")
-    # relative to the tolerance; ratios below a hundredth of the tolerance are meaningless
+    # relative like the tolerance; ratios to less than a hundredth of it are meaningless
     absolute = estimate * np.linalg.norm(answer.amplitudes, axis=1) / rom.largest
     over = np.maximum(of_largest, wrong) / np.maximum(absolute, 0.01 * rom.head["tolerance"])
     # near lost states nothing is certified
@@ -202,7 +202,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     over_estimate = float(over[tried].max())
     sure = answer.certified
     if not rom.certificate:
-        # the certificate the model would give with these errors
+        # answers that it will certify once these errors are its certificate
         sure = answer.inside & good & (answer.full < LOST)
         sure &= absolute * over_estimate <= rom.head["tolerance"]
     return {

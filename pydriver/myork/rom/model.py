@@ -30,8 +30,8 @@ class Batch(NamedTuple):
     """Answers for many parameters."""
 
     force: F64  #: The first force probe, shape `(n,)`, or `(n, 3)` where it is a vector
-    probes: dict[str, F64]  #: The first force probe, shape `(n,)`, or `(n, 3)` if it is a vector
-    #: Values of all probes that the model has, by name
+    probes: dict[str, F64]  #: Values of all probes of the model by name
+    #: Estimated relative error of the displacement; not a number where it was not asked for
     indicator: F64
     inside: Mask  #: Whether the parameters lie in the range of the training
     #: The worst mark of the full solves nearby: 1 accepted, 2 doubtful, 3 unstable or not found, 0

@@ -27,10 +27,10 @@ def place_arrays(
     - `modes`: modes, shape `(n, r)`
     - `model`: the reduced model with all cells
     - `probes`: indices of probes of the deck, from 0
-    - returns `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape `(places, s +
-      1, s + 1, s + 1)`; for places on free faces gradients along them, `places/face` of shape `(9,
-      places, s)`, `places/normal` and `places/bulk`, otherwise zero; and the places as `Cells` of
-      weight one
+    - returns `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
+      `(places, s + 1, s + 1, s + 1)`; on free faces the gradients along them, `places/face` of
+      shape `(9, places, s)`, `places/normal` and `places/bulk`, otherwise zero; and the places as
+      `Cells` of weight one
     """
     if not len(probes):
         return {}

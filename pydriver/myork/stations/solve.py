@@ -1,7 +1,7 @@
 """Run a deck through the executable `myork-solve`, in a separate process.
 
-A separate process survives the session that started it, and keeps the system's HDF5 apart from the
-one inside h5py.
+A separate process loses no results when the session that started it dies, and keeps the system's
+HDF5 apart from the one inside h5py.
 """
 
 import os
