@@ -118,7 +118,7 @@ class Results(AbstractContextManager["Results"]):
         found = self._joined("lattice")
         right = len(found) in (0, self.npoint)
         if right and len(found):
-            # pictures allocate all cells of a plane, so most of them must lie in the body
+            # pictures allocate every cell of a plane, most of which lie in the body
             cells = np.ptp(found.astype(float), axis=0) + 1.0
             axes = np.flatnonzero(np.ptp(self.points, axis=0))
             right = axes.max(initial=0) < len(cells)
