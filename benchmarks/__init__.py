@@ -1,6 +1,6 @@
-"""Benchmarks of a checkout: answers, error bars, verdicts and costs beside finite elements.
+"""Benchmarks of a checkout: answers, error bars, verdicts and costs compared with finite elements.
 
-`runner.py` solves problems by some forms at some sizes and keeps a row a solve; `pivots.py` has the
-views of such rows. `myork bench NAME` runs them where it is called in the folder that holds this
-one. The tables of docs/ that compare something else are functions in `tables`.
+`runner.py` solves problems with several forms and sizes and keeps one row per solve; `pivots.py`
+has the views of such rows. `myork bench NAME` runs them in the folder that contains this one. The
+tables of docs/ with other comparisons are functions in `tables`.
 """

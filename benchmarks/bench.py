@@ -1,12 +1,12 @@
-"""What `myork bench` runs, and the record that it writes.
+"""Benchmarks that `myork bench` runs, and the record that it writes.
 
 A benchmark is a function ``run(name, progress, quick) -> dict`` (callable for lines of progress,
-whether small cases are enough). Its result is written to `bench.json` as it is and drawn on
+whether small cases are enough). Its result is written unchanged to `bench.json` and drawn on
 `bench.html` from these keys, all optional:
 
 - ``title``, ``about``: text;
-- ``ended``: why there is nothing else, of a benchmark that failed;
-- ``cases``: one mapping a solve: ``problem``, ``method``, ``unknowns``, ``cpu_s``, ``error`` (by
+- ``ended``: for a failed benchmark, the reason why there is nothing else;
+- ``cases``: one mapping per solve: ``problem``, ``method``, ``unknowns``, ``cpu_s``, ``error`` (by
   quantity) and more;
 - ``tables``: mappings with ``caption``, ``head`` (texts) and ``rows`` (texts and numbers);
 - ``plots``: mappings with ``title``, ``x``, ``y`` (axis labels with units) and ``series``: mappings
@@ -40,7 +40,7 @@ def run_benches(
                 ended = f"{type(reason).__name__}: {reason}"
                 record["benches"][name] = {"title": name, "ended": ended}
                 progress(f"{name}: {ended}")
-            # after each one: a later one that is stopped costs nothing that was measured
+            # written after each one, so that a later one that is stopped loses no measurement
             write_json(out / "bench.json", record)
             write_page(out / "bench.html", record)
     return record

@@ -16,9 +16,9 @@ from myork.report.frame import Page, Section, figure, table
 from myork.report.numbers import number
 
 _RIVAL = "#777777"
-#: Letters of a sentence
+#: Length from which on a text is a sentence
 _LONG = 44
-#: Axes shorter than this ratio of their ends have numbers between the powers of ten
+#: Axes with a smaller ratio of their ends have numbers between the powers of ten
 _FEW_DECADES = 300.0
 
 
@@ -65,7 +65,7 @@ def _about(text: str) -> Markup:
 
 
 def _table(entry: Mapping[str, Any]) -> Markup:
-    """A table, with its columns on the left where there are sentences."""
+    """A table, with columns of sentences aligned to the left."""
     rows = [[_cell(value) for value in row] for row in entry["rows"]]
     wordy = any(len(cell) > _LONG for row in rows for cell in row[1:])
     kind = ' class="facts"' if wordy else ""
@@ -80,9 +80,9 @@ def _cell(value: Any) -> str:
 
 
 def draw_curves(plots: Sequence[Mapping[str, Any]]) -> Figure:
-    """Plots side by side in one figure, with a legend outside, so that it hides no point.
+    """Plots side by side in one figure, with a legend outside, where it hides no point.
 
-    - `plots`: as of `myork.bench`; a curve of one name looks alike in all of them
+    - `plots`: as in `myork.bench`; curves of equal name have the same style in all of them
     """
     drawing = Figure(figsize=(5.0 + 5.0 * len(plots), 5.0), layout="constrained")
     curves = [curve for plot in plots for curve in plot["series"]]
@@ -115,7 +115,7 @@ def _dress(axes: Axes, plot: Mapping[str, Any]) -> None:
     for axis in (axes.xaxis, axes.yaxis):
         low, high = axis.get_view_interval()
         if high < _FEW_DECADES * low:
-            # a decade or two have more numbers than their powers of ten, but none on another
+            # one or two decades have more numbers than their powers of ten, but without overlap
             many = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 7.0)
             axis.set_major_locator(LogLocator(subs=many if high < 8.0 * low else (1.0, 2.0, 5.0)))
             axis.set_major_formatter(FormatStrFormatter("%g"))

@@ -1,4 +1,4 @@
-"""Views of the runner's rows: which answers to trust, at what cost, and beside whom."""
+"""Views of the runner's rows: which answers to trust, at what cost, compared with which peers."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ _FORMS: tuple[Form, ...] = (
     ("rkcm-mixed", ("scene.method=rkcm-mixed",)),
     ("rkcm", ("scene.method=rkcm",)),
 )
-#: What an answer should be within of finite elements [-]
+#: Limit of the difference between an answer and finite elements [-]
 _NEAR = 0.01
-#: An error that is rounding [-]
+#: Errors up to this are rounding errors [-]
 _ROUNDED = 1e-9
 
 
@@ -52,7 +52,7 @@ def _median(values: Sequence[float]) -> float | None:
 
 
 def _is_right(row: Mapping[str, Any]) -> bool:
-    """Within 5 % in all probes, the doubt of the truth allowed for; what failed is not."""
+    """Whether all probes are within 5 %, less the truth's doubt; failed solves are not."""
     return row["off"] is not None and row["off"] <= WRONG
 
 
@@ -61,10 +61,10 @@ def _wrong_and_accepted(rows: Rows) -> int:
 
 
 def _bars(rows: Rows, start: str = "") -> tuple[int, int, Any]:
-    """Bars that contain the error, all of them, and 10 %, median and 90 % of bar over error.
+    """Number of bars that contain the error, of all bars, and 10 %, median, 90 % of bar over error.
 
-    The latter where the error is above rounding and twice the truth's doubt; of probes with this
-    start of name.
+    The ratios are taken where the error exceeds rounding and twice the truth's doubt; only probes
+    whose names have this start.
     """
     pairs = [
         (row["bar"][name], row["error"][name], row["doubt"][name])
@@ -82,7 +82,7 @@ def _sums(rows: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
-    """Error over CPU time, a curve a form."""
+    """Error over CPU time, one curve per form."""
     own = [
         {**row, "curve": row["form"]}
         for row in _of(rows, problem=problem)
@@ -108,7 +108,7 @@ def _every_form(
 
 
 def _forms_of(problem: Problem | Body) -> Callable[[Any], Sequence[Form]]:
-    """Forms of each size: collocation, whose cost grows fastest, at fewer sizes, of boxes only."""
+    """Forms of each size: collocation, whose cost grows fastest, at fewer sizes of boxes only."""
     first, last = problem.sizes[0], problem.sizes[-1]
 
     def forms(size: Any) -> Sequence[Form]:
@@ -122,7 +122,7 @@ def _forms_of(problem: Problem | Body) -> Callable[[Any], Sequence[Form]]:
 
 
 def _trust(rows: Rows) -> dict[str, Any]:
-    """Which answers can be trusted, and what those of `auto` cost."""
+    """Which answers can be trusted, and the cost of those of `auto`."""
     own = _of(rows, form="auto")
     held, bars, (_, sharp, _) = _bars(own)
     found = _nearest(rows)
@@ -184,7 +184,7 @@ def _nearest(rows: Rows) -> list[dict[str, Any]]:
 
 
 def _methods(rows: Rows) -> dict[str, Any]:
-    """How often each form is right and accepted, how far off, and at what cost."""
+    """How often each form is right and accepted, its error, and its cost."""
     heads = [f"{key}, {state}" for key in ("right", "wrong") for state in _STATES]
     counted = []
     for form, _ in _FORMS:
@@ -239,7 +239,7 @@ def _twenty_decks(progress: ProgressCallback, quick: bool) -> list[dict[str, Any
 
 
 def _newcomer(rows: Rows) -> dict[str, Any]:
-    """Twenty decks of a new user as they stand: which converge, and which verdicts are right."""
+    """Twenty decks of a new user without changes: which converge, and which verdicts are right."""
     shown = []
     for row in rows:
         worst = max(row["error"], key=row["error"].get, default=None)
@@ -290,7 +290,7 @@ _BOXES = (
     (3.0, ((13, 5), (25, 9))),
     (6.0, ((25, 5), (49, 9))),
 )
-#: What the far end carries, of the shear modulus 10 and of the length
+#: Load on the far end, relative to the shear modulus 10 and to the length
 _LOADS: Mapping[str, Callable[[float], dict[str, Any]]] = {
     "pulled by its end": lambda length: {"u_x": 0.25 * length, "u_y": 0},
     "pressed by a traction": lambda length: {"traction": [-4.0, 0]},
@@ -300,7 +300,7 @@ _LOADS: Mapping[str, Callable[[float], dict[str, Any]]] = {
 
 
 def _boxes(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
-    """Boxes that chose no default, clamped at one end."""
+    """Boxes on which no default was chosen, clamped at one end."""
     rows: list[dict[str, Any]] = []
     for length, sizes in _BOXES[1:2] if quick else _BOXES:
         for name, load in list(_LOADS.items())[: 2 if quick else None]:
@@ -354,7 +354,7 @@ def _certify(rows: Rows) -> dict[str, Any]:
 # ---- unseen: random decks without points ---------------------------------------------------------
 
 
-#: Groups by what stands in a problem's name, title and description of each view
+#: Groups by parts of a problem's name, title and description of each view
 _GROUPS: Mapping[str, tuple[dict[str, str], str, str]] = {
     "unseen": (
         {"all": "", "sheets": ": plane, ", "rings": ": ring, ", "solids": ": solid, "},
@@ -380,7 +380,7 @@ _GROUPS: Mapping[str, tuple[dict[str, str], str, str]] = {
 
 
 def _halves(rows: Rows, view: str) -> dict[str, Any]:
-    """Right and wrong, accepted and doubted, by groups of bodies and halves."""
+    """Right and wrong, accepted and doubted, by groups of bodies and by halves."""
     groups, title, about = _GROUPS[view]
     shown = []
     for name, word in groups.items():
@@ -421,13 +421,13 @@ def _halves(rows: Rows, view: str) -> dict[str, Any]:
 
 # ---- race ----------------------------------------------------------------------------------------
 
-#: Errors whose time is wanted [-]
+#: Target errors for which the time is wanted [-]
 _ERRORS = (1e-2, 1e-3, 1e-4)
 _SMALLEST = 1e-6
 _DEFAULT: Form = ("default", ())
 _PEERS = ("felupe", "dolfinx", "CalculiX")
 _STAIRS = ((8, 1, 16), (8, 2, 16), (8, 1, 32))
-#: Problems that race
+#: Problems of the race
 _RACE = (
     "tube", "near shear", "tube, K = 1e7", "cantilever, dead traction", "inclined block",
     "straight block", "twist", "cube between plates",
@@ -447,7 +447,7 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
     rows: list[dict[str, Any]] = []
     races: list[dict[str, Any]] = []
     plots = []
-    # felupe imports what it needs: that is no part of a solution
+    # felupe imports its dependencies now: that is not part of a solution
     solve_rivals(BY_NAME["tube"]._replace(elements=((1, 4),)), silent)
     for entry in _entries(quick):
         if only and entry.problem.name not in only:
@@ -481,13 +481,13 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
 
 
 def _absent(rows: Rows) -> str:
-    """Which peers are not installed, as a sentence."""
+    """The peers that are not installed, as a sentence."""
     found = {row["outcome"] for row in rows if str(row["outcome"]).startswith("not installed")}
     return "".join(f"{name[0].upper()}{name[1:]}. " for name in sorted(found))
 
 
 def cost(rows: Rows, key: str, error: float) -> float | None:
-    """CPU time for an error; `None` where the finest size misses it.
+    """CPU time for an error; `None` if the finest size does not reach it.
 
     - `rows`: solves with `cpu_s` and errors
     - `key`: the error of a row
@@ -510,7 +510,7 @@ def cost(rows: Rows, key: str, error: float) -> float | None:
 
 
 def _entries(quick: bool) -> Iterator[_Entry]:
-    """Problems of `trust` at the sizes of the race; the bar is twisted by 90 degrees alone."""
+    """Problems of `trust` at the sizes of the race; the bar is only twisted by 90 degrees."""
     for name in _RACE[: 2 if quick else None]:
         problem = BY_NAME[name]
         lines, sizes, meshes = problem.race
@@ -532,13 +532,13 @@ def _entries(quick: bool) -> Iterator[_Entry]:
             forms.append(("graded", (f"geometry.graded={json.dumps(sides)}",)))
         yield _Entry(problem, tuple(forms), lines)
     if not quick:
-        # of the true shape the map itself is 4 % off, which no code that is given it can mend
+        # the map itself is 4 % off the true shape, which no code that reads it can correct
         body = voxel_by_voxel(BY_NAME["three tissues of voxels"], 0.5, _STAIRS)
         yield _Entry(body, (_DEFAULT, ("blocks", ("geometry.blocks=[4,2,8]",))), ("force",))
 
 
 def _graded_sides(tables: Mapping[str, Any]) -> Any:
-    """Sides towards which the points of a deck lie closer where nobody chose any."""
+    """Sides towards which the points of a deck are refined by default."""
     body = {k: v for k, v in tables["geometry"].items() if k not in ("source", "collocation")}
     deck = deck_values("tables", text_of_tables({**tables, "geometry": body}), (), "solve")
     return deck["geometry"].get("graded")
@@ -552,7 +552,7 @@ def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dic
         for name, truth in truths.values.items()
         if line in (name, truths.kinds[name])
     )
-    # elements of another kind share no error with those of the truth: half of what is between
+    # elements of another kind share no error with those of the truth: half of the difference
     others = [_of(rows, rival=True, form=form) for form in ("dolfinx Q2/P1", "dolfinx Q3/P2")]
     finest = [found[-1] for form in others if (found := [row for row in form if row.get(key)])]
     doubt = max(doubt, 0.5 * min((row[key] for row in finest), default=0.0))
@@ -593,7 +593,7 @@ def _races(entry: _Entry, line: str, rows: Rows, truths: Truths) -> Iterator[dic
 
 # ---- all of them ---------------------------------------------------------------------------------
 
-#: Modules of the views of random problems, whose truths are found beforehand
+#: Modules of the views of random problems, whose truths are computed beforehand
 RANDOM: Mapping[str, Any] = {"unseen": unseen, "layers": unseen_layers, "maps": unseen_maps}
 #: Rows that a view shows, and what it makes of them; the race times them itself
 PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] | None]] = {
@@ -614,9 +614,9 @@ def view(
     solved: dict[Any, Any] | None = None,
     only: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """A view of rows, which are solved where `solved` lacks them; `cases` are the rows.
+    """A view of rows, which are solved if `solved` lacks them; `cases` are the rows.
 
-    Of all or of some problems `only`, which `runner.OF_SOME` can; see `benchmarks.bench`.
+    All problems, or only those in `only` for `runner.OF_SOME`; see `benchmarks.bench`.
     """
     solve, shown = PIVOTS[name]
     solved = {} if solved is None else solved

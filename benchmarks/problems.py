@@ -1,8 +1,8 @@
-"""Problems that a new user would bring: boxes, tubes and label maps, stretched, bent, active.
+"""Problems of a new user: boxes, tubes and label maps, stretched, bent, active.
 
-Boxes and tubes stand in `problems.json`. No deck names a form, order, support, weights, a curve or
-load steps, and none chose a default of MyoRK, so that what is tried is what somebody gets who knows
-none of them.
+Boxes and tubes are in `problems.json`. No deck gives a form, order, support, weights, a curve or
+load steps, and none was used to choose a default of MyoRK, so that the results are those of a user
+who sets none of these.
 """
 
 from __future__ import annotations
@@ -18,29 +18,29 @@ Sizes = tuple[tuple[int, ...], ...]
 
 
 class Race(NamedTuple):
-    """How a problem races."""
+    """Settings of a problem in the race."""
 
-    lines: Sequence[str]  #: Kinds of probes or single probes that are compared
-    sizes: Sizes  #: As of the problem
+    lines: Sequence[str]  #: Kinds of probes or single probes to compare
+    sizes: Sizes  #: As in the problem
     elements: Sizes
 
 
 class Problem(NamedTuple):
     """A problem with the sizes at which it is solved."""
 
-    name: str  #: What tables show
+    name: str  #: Name in tables
     tables: Mapping[str, Any]  #: Deck without `geometry.source`
-    sizes: Sizes  #: Source points along each edge, rising
-    #: Finite elements along each edge, rising; each coordinate of a probe is a corner
+    sizes: Sizes  #: Source points along each edge, ascending
+    #: Finite elements along each edge, ascending; each coordinate of a probe is a corner
     elements: Sizes
     race: Race | None = None
 
 
 def probe_kind(entry: Mapping[str, Any], size: Sequence[float] | None = None) -> str:
-    """What a probe tells: `displacement`, `force`, `surface stress` or `stress`.
+    """Kind of a probe: `displacement`, `force`, `surface stress` or `stress`.
 
     - `entry`: table `[[probe]]`
-    - `size`: edges of the box; of other bodies the probe's name says where its point lies
+    - `size`: edges of the box; for other bodies the probe's name tells where its point lies
     """
     quantity = str(entry["quantity"])
     if quantity.startswith("u_"):
@@ -54,7 +54,7 @@ def probe_kind(entry: Mapping[str, Any], size: Sequence[float] | None = None) ->
 
 
 def _problem(entry: Mapping[str, Any]) -> Problem:
-    """A problem with its deck as it stands in the file."""
+    """A problem with its deck as in the file."""
     race = entry.get("race")
     return Problem(
         entry["name"], entry["tables"], _sizes(entry["sizes"]), _sizes(entry["elements"]),
@@ -68,14 +68,14 @@ def _sizes(lists: Sequence[Sequence[int]]) -> Sizes:
 
 _ALL = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
 
-#: Problems by what they try, each at three sizes
+#: Problems by the feature that they test, each at three sizes
 PROBLEMS = tuple(_problem(entry) for entry in _ALL if entry["of"] == "forms")
 
-#: Twenty decks at the number of points that somebody new to MyoRK would take
+#: Twenty decks at the number of points that a new user of MyoRK would take
 DECKS: tuple[Problem | Body, ...] = (
     *(_problem(entry) for entry in _ALL if entry["of"] == "newcomer"),
     *(body._replace(sizes=body.sizes[:1]) for body in (*BODIES, *TWO_TISSUES)),
 )
 
-#: All problems, by what tables call them
+#: All problems, by their names in tables
 BY_NAME: Mapping[str, Any] = {problem.name: problem for problem in (*DECKS, *PROBLEMS, *BODIES)}

@@ -59,17 +59,17 @@ from myork.records import PointCloud
 
 #: Kinds of probes
 KINDS = ("displacement", "force", "stress", "surface stress")
-#: An error that must not be accepted [-]
+#: Error from which on an answer must not be accepted [-]
 WRONG = 0.05
-#: Least size of a probe beside the largest of its kind [-]
+#: Least size of a probe relative to the largest of its kind [-]
 _LEAST = 1e-3
-#: Wall time of one solve [s]
+#: Limit of the wall time of one solve [s]
 _LIMIT = 300.0
-#: Timed solves are repeated until they have taken so much together, at most so often [s], [-]
+#: Timed solves are repeated up to this total time, and at most this many times [s], [-]
 _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
-#: Views that can be of some problems
+#: Views that can be restricted to some problems
 OF_SOME = ("trust", "methods", "curves", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
@@ -83,7 +83,7 @@ TABLES = {
     "tissues": ("tissues",),
     "trained": ("trained",),
 }
-#: Modules of tables with a page of results of their own, with its title; the rest is of images
+#: Modules of tables with a separate page of results, and its title; the others are about images
 PAGES = {
     "across": "Errors by the number of points",
     "images": "Images",
@@ -93,19 +93,19 @@ PAGES = {
     "trained": "Trained reduced models",
 }
 
-#: Name of a form, and the overrides that choose it
+#: Name of a form, and the overrides that select it
 Form = tuple[str, Sequence[str]]
 
 
 class Truth(NamedTuple):
-    """Value of a probe, and by how much it may be off."""
+    """Reference value of a probe, and its uncertainty."""
 
     value: float
     doubt: float
 
 
 class Truths(NamedTuple):
-    """What is known of a problem's probes."""
+    """Reference values of a problem's probes."""
 
     kinds: Mapping[str, str]  #: Kind of each probe, by name
     values: Mapping[str, Truth]  #: Their truths
@@ -116,16 +116,16 @@ class Truths(NamedTuple):
         """Compare an answer.
 
         - `probes`, `bars`: values and error bars, by name
-        - `least`: size of a probe beside the largest of its kind, at least [-]
+        - `least`: least size of a probe, relative to the largest of its kind [-]
         - returns `error`, `bar` and `doubt` of the truth by probe, relative; `off`, the largest
-          error beyond the doubt; `held`, how many bars contain it; `error` followed by a kind,
-          the largest of it, or by a name
+          error beyond the doubt; `held`, the number of bars that contain it; `error` followed by a
+          kind, the largest of it, or by a name
         """
         most: dict[str, float] = {}
         for name, truth in self.values.items():
             kind = self.kinds[name]
             most[kind] = max(most.get(kind, 0.0), abs(truth.value))
-        # what symmetry makes zero is compared with others of its kind, as its bar is
+        # probes that vanish by symmetry are compared with others of their kind, like their bars
         size = {
             name: max(abs(truth.value), least * most[self.kinds[name]])
             for name, truth in self.values.items()
@@ -158,14 +158,14 @@ def rows_of(
     sizes: int | None = None,
     timed: bool = False,
 ) -> tuple[Truths, list[dict[str, Any]]]:
-    """Solve a problem by finite elements and by all forms.
+    """Solve a problem with finite elements and with all forms.
 
-    - `problem`: what is solved
-    - `forms`: name and overrides of each form; a callable chooses them by the size
-    - `sizes`: how many of the problem's sizes; all by default
-    - `timed`: solve in this process without output and error bars, short solves repeated: the least
-      time counts. Compiled peers solve the meshes of a `Problem` as well.
-    - returns `truths`: limit of the meshes; the exact values of a tube where solves are timed
+    - `problem`: the problem
+    - `forms`: name and overrides of each form, or a function of the size that gives them
+    - `sizes`: number of the problem's sizes used; all by default
+    - `timed`: solve in this process without output and error bars, short solves repeated; the least
+      time counts. Compiled peers also solve the meshes of a `Problem`.
+    - returns `truths`: limits of the meshes; for a tube in timed solves, the exact values
     - returns `rows`: `problem`, `form` (and as `method`), `size`, `unknowns`, `cpu_s`, `memory`,
       `outcome`, `verdict`, `reasons`, `peer` (`program`, `size` and `cpu_s` of the cheapest mesh
       with no larger error) and what `Truths.errors` returns; `rival` marks finite elements
@@ -208,7 +208,7 @@ def rows_of(
 
 
 def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> list[dict[str, Any]]:
-    """Rows of dolfinx and CalculiX, or of their absence."""
+    """Rows of dolfinx and CalculiX, or rows that report their absence."""
     progress(f"{problem.name}: dolfinx and CalculiX")
     deck = read_deck(sized_tables(problem.tables, problem.sizes[0]))
     return [
@@ -226,7 +226,7 @@ def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> l
 
 
 def _named(problem: Problem | Body, form: str, size: str) -> dict[str, Any]:
-    """What each row has, and the names that stand for it in `bench.json`."""
+    """Common entries of each row, and their names in `bench.json`."""
     empty = {"unknowns": None, "verdict": None, "cpu_s": None, "memory": None, "peer": None}
     return {"problem": problem.name, "form": form, "method": form, "size": size, **empty}
 
@@ -234,7 +234,7 @@ def _named(problem: Problem | Body, form: str, size: str) -> dict[str, Any]:
 def _cheapest(
     meshes: Sequence[Mapping[str, Any]], found: Mapping[str, Any]
 ) -> dict[str, Any] | None:
-    """The cheapest mesh whose largest error is no larger."""
+    """The cheapest mesh whose largest error is not larger than that of the answer."""
     if not found["error"]:
         return None
     worst = max(found["error"].values())
@@ -256,8 +256,8 @@ def solve_rivals(
 
     - `warp`: moves the nodes of a box within it
     - `timed`: short solves are repeated, and the least time counts
-    - returns `truths`: limit of the meshes
-    - returns `rivals`: of each mesh `size`, `probes` (empty where the iteration failed), `dofs`,
+    - returns `truths`: limits of the meshes
+    - returns `rivals`: for each mesh `size`, `probes` (empty where the iteration failed), `dofs`,
       `cpu_s` and `outcome`
     """
     if isinstance(problem, Body):
@@ -279,7 +279,7 @@ def solve_rivals(
 
 
 def sized_tables(tables: Mapping[str, Any], size: Sequence[int]) -> dict[str, Any]:
-    """Deck with its source points, and collocation points at half their spacing; or none."""
+    """Deck with its source points, and collocation points at half their spacing; or without any."""
     if not size:
         return dict(tables)
     places = {"source": list(size), "collocation": [2 * n - 1 for n in size]}
@@ -287,7 +287,7 @@ def sized_tables(tables: Mapping[str, Any], size: Sequence[int]) -> dict[str, An
 
 
 def lattice_text(count: Sequence[int]) -> str:
-    """Numbers along the edges as tables show them."""
+    """Numbers along the edges in the format of tables."""
     return " x ".join(str(n) for n in count)
 
 
@@ -299,7 +299,7 @@ def _sized(problem: Problem | Body, size: Any) -> tuple[str, dict[str, Any], Poi
 
 
 def record_of(case: dict[str, Any]) -> dict[str, Any]:
-    """What the table keeps of a solve in a process of its own."""
+    """Entries kept of a solve in a separate process."""
     verdict = case.get("verdict") or {"state": "refused", "reasons": [case["message"]]}
     return {
         "cpu_s": case.get("cpu_s"),
@@ -316,7 +316,7 @@ def record_of(case: dict[str, Any]) -> dict[str, Any]:
 def _timed_solve(
     tables: Mapping[str, Any], words: Sequence[str], cloud: PointCloud | None
 ) -> Callable[[], dict[str, Any]]:
-    """A solve in this process on one thread, without time where it fails."""
+    """A solve in this process on one thread; without time if it fails."""
 
     def solve() -> dict[str, Any]:
         begin = time.process_time()
@@ -339,7 +339,7 @@ def _timed_solve(
 
 
 def _least_time(first: Mapping[str, Any], again: Callable[[], Mapping[str, Any]]) -> float | None:
-    """Least CPU time of a solve after some repeats [s]."""
+    """Least CPU time over repeated solves [s]."""
     times = [] if first["cpu_s"] is None else [first["cpu_s"]]
     while times and sum(times) < _ENOUGH and len(times) < _MOST:
         times.append(again()["cpu_s"] or times[0])
@@ -349,7 +349,7 @@ def _least_time(first: Mapping[str, Any], again: Callable[[], Mapping[str, Any]]
 def _finite_elements(
     problem: Problem | Body, deck: Mapping[str, Any], count: Sequence[int], warp: Warp | None
 ) -> dict[str, Any]:
-    """Last values of the probes, empty where the iteration failed."""
+    """Last values of the probes, empty if the iteration failed."""
     body = problem if isinstance(problem, Body) else None
     try:
         rival = solve_deck(
@@ -361,7 +361,7 @@ def _finite_elements(
 
 
 def _limits(found: Sequence[Mapping[str, float]]) -> dict[str, Truth]:
-    """Limit of the meshes: Aitken's where the changes shrink, otherwise the finest value."""
+    """Limit of the meshes: Aitken's where the changes decrease, otherwise the finest value."""
     truths = {}
     for name in found[-1] if found else ():
         values = [probes[name] for probes in found]
@@ -378,7 +378,7 @@ def _limits(found: Sequence[Mapping[str, float]]) -> dict[str, Truth]:
 
 
 def _exact(problem: Problem | Body, truths: Truths) -> Truths:
-    """Of a tube the exact values: the cut carries what presses on the bore."""
+    """For a tube the exact values: the cut carries the pressure on the bore."""
     if isinstance(problem, Body) or problem.tables["geometry"]["kind"] != "annulus":
         return truths
     deck = read_deck(sized_tables(problem.tables, problem.sizes[0]))
@@ -431,7 +431,7 @@ def main(*words: str) -> None:
         kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
         rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
         file = options.out / "results.json"
-        # rows of other tables stay
+        # rows of other tables are kept
         same = {_key(row) for row in rows}
         earlier = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
         rows = [*(row for row in earlier if _key(row) not in same), *rows]
@@ -444,7 +444,7 @@ def main(*words: str) -> None:
 
 
 def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    """What is one row of the long table."""
+    """Key of a row in the long table."""
     return row["problem"], row["form"], row["size"]
 
 
@@ -478,7 +478,7 @@ def _cell(value: Any) -> str:
 
 
 def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
-    """Print the rows of a table of docs/, or how to call it."""
+    """Print the rows of a table of docs/, or its usage."""
     wanted, name, write = inspect.signature(table), table.__name__, arguments[-1:] == ("--write",)
     arguments = arguments[:-1] if write else arguments
     fits = "half" not in wanted.parameters or arguments[:1] in (("tuned",), ("other",))
@@ -495,7 +495,7 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
         rows.append(list(row))
         print("\n".join(_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
     if write:
-        # users' folders are nobody's business
+        # do not publish the users' folders
         words = [name, *([half, *("DATA" for _ in arguments[1:])] if half else arguments)]
         call = f"`python benchmarks/runner.py {' '.join(words)} --write`"
         written = f"{call}: {about['processor']}, {about['date'][:10]}."
@@ -513,7 +513,7 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
 
 
 def _lines(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table, whose first row is its head."""
+    """Lines of a table, whose first row is its header."""
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
 
@@ -526,7 +526,7 @@ def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS
         for name in names:
             shown = getattr(found, "PIVOTS", {}).get(name, list)
             for one in kept:
-                # what settings were chosen on says nothing of how good they are
+                # cases on which settings were chosen are no evidence of their quality
                 if one["table"] == name and one["half"] != "tuned":
                     about = inspect.getdoc(getattr(found, name)) or ""
                     part = [f"## {name}", "", about, "", *_lines(shown(one["rows"])), ""]

@@ -1,6 +1,6 @@
-"""One solve of a deck in a process of its own, under a time limit, as one record.
+"""One solve of a deck in a separate process, under a time limit, as one record.
 
-A benchmark must survive what it measures: a crash, a hang or a refusal is an outcome like any
+A benchmark must survive its subject: a crash, a hang or a refusal is an outcome like any
 other.
 """
 
@@ -20,10 +20,10 @@ from myork.records import PointCloud
 from myork.stations.solve import find_executable
 from myork.summary import readable_summary
 
-#: The two formulations of the collocation
+#: The two formulations of collocation
 METHODS = ("rkcm", "rkcm-mixed")
 
-#: Row weights and curve that the reference has for the muscle block; its deck names no method
+#: Row weights and curve of the reference for the muscle block; its deck names no method
 PUBLISHED_BLOCK = (
     'solver.weight_essential="ns-c4"',
     "solver.weight_traction=1",
@@ -34,10 +34,10 @@ _KEPT = ("method", "dofs", "converged", "cpu_s", "memory_peak_bytes", "verdict",
 
 
 def _run(words: Sequence[str | Path], limit: float) -> tuple[str, str]:
-    """Run a command with one thread; it is ended after a wall time of `limit` [s].
+    """Run a command with one thread; it is stopped after a wall time of `limit` [s].
 
     Returns outcome (`done`, `not converged`, `refused`, `failed`, `crashed` or `time limit`), and
-    what it said on its error output, or its last lines.
+    its error output or last lines.
     """
     one = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     try:
@@ -66,11 +66,11 @@ def solve_case(
     cloud: PointCloud | None = None,
     limit: float = 600.0,
 ) -> dict[str, Any]:
-    """Solve a deck and its second solution with one thread, and record what the summary says.
+    """Solve a deck and its second solution with one thread, and record the entries of the summary.
 
     - `overrides`: `"table.key=value"` each
-    - `cloud`: points of the body, where the tables want a model
-    - `limit`: wall time after which the run is ended [s]
+    - `cloud`: points of the body, for tables that need a model
+    - `limit`: wall time after which the run is stopped [s]
     - returns `outcome`, `message`, and of a solve that took place `_KEPT`, `load` (reached),
       `probes` and `probe_errors` (by name, at the load reached)
     """
@@ -89,7 +89,7 @@ def solve_case(
         except InputError as error:
             outcome, message = "refused", str(error)
         summary = readable_summary(Path(folder))
-    # an answer that is refused converged none the less, and its numbers are on record
+    # a refused answer has converged all the same, and its numbers are on record
     if outcome == "done" or (outcome == "not converged" and summary.get("converged")):
         outcome = "converged"
     case: dict[str, Any] = {"outcome": outcome, "message": message}
@@ -102,7 +102,7 @@ def solve_case(
 
 
 def outcome_text(case: Mapping[str, Any]) -> str:
-    """Outcome of a case; where it did not converge, how far it came."""
+    """Outcome of a case; without convergence, also the load reached."""
     if case["outcome"] != "not converged":
         return str(case["outcome"])
     return f"not converged, load {case.get('load', 0.0):.3g}"

@@ -1,11 +1,11 @@
-"""Tables and plots of a benchmark from its cases, by the names of what they show."""
+"""Tables and plots of a benchmark from its cases, by the names of the columns and axes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 
 def table(caption: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Table whose head are the names in its first row; what a row has not stays empty."""
+    """Table whose header has the names of its first row; values that a row lacks stay empty."""
     head = list(rows[0]) if rows else []
     return {
         "caption": caption,
@@ -17,7 +17,7 @@ def table(caption: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 def plot(
     title: str, axes: tuple[str, str], cases: Sequence[Mapping[str, Any]], x: str, y: str
 ) -> dict[str, Any]:
-    """Curves through the cases, in their order, that have a value to show.
+    """Curves through the cases, in their order, that have the values.
 
     `axes` are labels with units; the key `curve` distinguishes the curves and names them.
     """

@@ -28,12 +28,12 @@ from myork.console import ProgressCallback
 def study_of(
     problem: str, deck: str, source: Sizes, factor: int = 2, order: int = 2, **rest: Any
 ) -> Study:
-    """A study with so many collocation points a source point, and a support of order + 1."""
+    """A study with a ratio of collocation to source points, and a support of order + 1."""
     points = tuple(tuple(factor * n for n in size) for size in source)
     return Study(problem, deck, source, points, order, **{"support": order + 1.0, **rest})
 
 
-#: Seconds that a table may take where small cases are wanted
+#: Limit in seconds of a table's time when small cases are wanted
 _QUICK = 3.0
 _PLANE = (
     "plane strain",
@@ -41,7 +41,7 @@ _PLANE = (
     PUBLISHED_STUDIES["Poisson 2-D"].source,
 )
 _SOLID, _BENT = PUBLISHED_STUDIES["Poisson 3-D"], PUBLISHED_STUDIES["cantilever"]
-#: Other supports, weights of tractions and orders; the cubic cantilever is reproduced from order 3
+#: Other supports, traction weights and orders; the cubic cantilever is reproduced from order 3 on
 _HIGHER_STUDIES = (
     _BENT._replace(support=4.0),
     _BENT._replace(traction=10.0),
@@ -57,12 +57,12 @@ _HIGHER_STUDIES = (
     _BENT._replace(order=3, support=4.0),
     _SOLID._replace(order=3, support=4.0),
 )
-#: Value of a problem from its deck
+#: Function that computes a value of a problem from its deck
 _Solution = Callable[[dict[str, Any]], float]
 
 
 def _rates(study: Study) -> Table:
-    """Rates of a problem beside theory (5.18)."""
+    """Rates of a problem compared with theory (5.18)."""
     rows = tuple(
         Row(f"rate in {norm}, theory", float(rate), ("rates", norm))
         for norm, rate in (("L2", study.order + 1), ("H1", study.order))
@@ -73,7 +73,7 @@ def _rates(study: Study) -> Table:
 
 
 def _beside(name: str, deck: str, key: str, choices: dict[str, tuple[str, ...]]) -> Table:
-    """A quantity of a deck by several choices."""
+    """A quantity of a deck for several settings."""
     runs = {choice: Run("solve", deck, words) for choice, words in choices.items()}
     rows = tuple(Row(choice, None, (choice, key)) for choice in runs)
     return Table(name, key, runs, rows, 2.0)
@@ -124,9 +124,9 @@ def _known(
     methods: Sequence[str] = METHODS,
     cost: float = 9.0,
 ) -> Table:
-    """A problem in both forms beside the exact solution for its bulk modulus."""
+    """A problem in both forms, compared with the exact solution for its bulk modulus."""
     runs = {form: Run("solve", deck, (*words, f"scene.method={form}")) for form in methods}
-    # the last form takes any bulk modulus
+    # the last form admits any bulk modulus
     wanted = solution(read_deck(deck, runs[methods[-1]].overrides))
     rows = tuple(Row(f"{form} [N/cm²]", wanted, (form, f"probes.{probe}")) for form in methods)
     return Table(name, "stress at full load", runs, rows, cost)
@@ -136,7 +136,7 @@ _BLOCK = (*lattice((5, 5, 9)), "load.activation=0.5", "load.steps=5", *PUBLISHED
 
 
 def _nonlinear() -> tuple[Table, ...]:
-    """Problems with exact solutions, which are evaluated now."""
+    """Problems with exact solutions, which are evaluated here."""
     return (
         _known(
             "shear, gamma = 5, of the infinitely wide block",
@@ -179,7 +179,7 @@ def _nonlinear() -> tuple[Table, ...]:
 
 
 def _galerkin(name: str, deck: str, words: tuple[str, ...], modes: tuple[int, ...]) -> Table:
-    """A path of chapter 6 in the Galerkin form, on points that it can afford."""
+    """A load path of chapter 6 in the Galerkin form, with an affordable number of points."""
     rows = [Row("full model [min]", None, ("path", "full.cpu_min"))]
     for r in modes:
         rows += [
@@ -243,7 +243,7 @@ def run(name: str, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
 
 
 def _shown(row: dict[str, Any]) -> dict[str, Any]:
-    """A row as tables show it."""
+    """A row as shown in tables."""
     ratio = row["ratio"]
     return {
         "problem": row["table"],
@@ -256,7 +256,7 @@ def _shown(row: dict[str, Any]) -> dict[str, Any]:
 def _cases(
     entry: Table, key: str, record: dict[str, Any], rows: Sequence[dict[str, Any]]
 ) -> list[dict[str, Any]]:
-    """Cases of a run: those that it names, or itself with the errors of the rows that read it."""
+    """Cases of a run: those it names, or itself with the errors of the rows that read it."""
     errors = {
         row["row"]: row["ours"] if row["published"] is None else abs(row["ratio"] - 1.0)
         for given, row in zip(entry.rows, rows, strict=True)

@@ -1,8 +1,8 @@
-"""Random decks without points: boxes and rings of any material, held and loaded in many ways.
+"""Random decks without points: boxes and rings of any material, with many kinds of conditions.
 
-Finite elements find the truths, `benchmarks/truths/unseen.json`, beforehand. Numbers below
+Finite elements give the truths, `benchmarks/truths/unseen.json`, beforehand. Numbers below
 `_HELD_OUT` are for tuning; those from it on only judge the result and are not used for any choice.
-From 300 on sheets and rings alone have truths.
+From 300 on only sheets and rings have truths.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ from myork.types import F64
 NUMBERS = range(402)
 #: First number not used for tuning
 _HELD_OUT = 140
-#: CPU time of a search, and wall time of a solve [s]
+#: Limits of the CPU time of a search, and of the wall time of a solve [s]
 _COST, _LIMIT = 15.0, 900.0
-#: CPU time after which meshes of a deck are given up: it has no truth then [s]
+#: CPU time after which the meshes of a deck are given up: it then has no truth [s]
 _PATIENCE = 180.0
-#: Elements along each edge of a solid whose stresses half way are wanted
+#: Elements along each edge of a solid for which stresses half-way are computed
 _EVEN = (6, 8)
 _SEED = 20261124
 TRUTHS = Path(__file__).parent / "truths" / "unseen.json"
 
 Rng = np.random.Generator
 Parts = tuple[list[dict[str, Any]], str]
-#: Name of a problem, and what finds the limits of its probes
+#: Name of a problem, and the function that finds the limits of its probes
 Wanted = tuple[str, Callable[[], dict[str, Any]]]
 
 
 def problem_of(number: int) -> Problem:
-    """Random deck of a number, which any machine draws alike."""
+    """Random deck of a number, identical on every machine."""
     rng = np.random.default_rng([_SEED, number])
     kind = str(rng.choice(["plane", "ring", "solid"], p=[0.5, 0.2, 0.3]))
     material = random_solid(rng)
@@ -80,7 +80,7 @@ def random_solid(rng: Rng) -> dict[str, Any]:
 
 
 def _box(rng: Rng, boundary: list[dict[str, Any]]) -> tuple[Any, ...]:
-    """Sheet, twice as long as high at most where it may buckle."""
+    """Sheet, at most twice as long as high where it may buckle."""
     length = float(rng.choice([1.0, 1.5, 2.0, 3.0]))
     _scale(boundary, length)
     size = [length, 1.0]
@@ -134,7 +134,7 @@ def _ring(rng: Rng, boundary: list[dict[str, Any]]) -> tuple[Any, ...]:
 
 
 def _scale(boundary: list[dict[str, Any]], length: float) -> None:
-    """Displacements along a body of length one, made those of this length, and bending loads."""
+    """Scale displacements for a body of length one to this length, and bending loads."""
     for entry in boundary:
         for key in entry:
             if key in ("u_x", "u_y", "u_z", "radial"):
@@ -198,7 +198,7 @@ _BODIES: Mapping[str, Callable[..., tuple[Any, ...]]] = {
 
 
 def known(name: str, file: Path = TRUTHS) -> Truths | None:
-    """Limits of finite elements, where all meshes have one."""
+    """Limits of finite elements, if all meshes have one."""
     entry = _stored(file).get(name)
     if not entry:
         return None
@@ -215,9 +215,9 @@ def _stored(file: Path) -> dict[str, Any]:
 
 
 def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
-    """Solve all decks that have truths at each target error; a few of them for `quick`.
+    """Solve all decks that have truths at each target error; with `quick` a few of them.
 
-    Errors are relative to the largest of their kind, as what is `off` beyond the truth's doubt.
+    Errors are relative to the largest of their kind, including `off`, the part beyond the doubt.
     """
     numbers = NUMBERS[:6] if quick else NUMBERS
     problems = {number: problem_of(number) for number in numbers}
@@ -239,7 +239,7 @@ def answers(
     others: Sequence[int],
     forms: Mapping[str, Sequence[str]] = _ASKED,
 ) -> list[dict[str, Any]]:
-    """Rows of the problems, by number, with truths in a file, by each form.
+    """Rows of the problems, by number, that have truths in a file, for each form.
 
     - `others`: numbers not used for tuning
     - `forms`: overrides by name
@@ -267,11 +267,11 @@ def answers(
 
 
 def _limits(problem: Problem) -> dict[str, Any]:
-    """Value of each probe and its doubt; nothing where a mesh has none.
+    """Value of each probe and its doubt; empty if a mesh has none.
 
-    In space meshes are fine towards all faces, where corners are singular, and what another
-    grading changes is doubt as well. Stresses are asked for half way, where such meshes are coarse
-    (13.4, 13.1, 12.7 at a side whose even meshes say 13.1, 12.4, 12.5): they are of even meshes.
+    In space, meshes are refined towards all faces, where corners are singular, and the change due
+    to another grading is part of the doubt. Stresses half-way, where such meshes are coarse, are
+    taken from even meshes (13.4, 13.1, 12.7 at a side where even meshes give 13.1, 12.4, 12.5).
     """
     if "solid" not in problem.name:
         truths, rivals = solve_rivals(problem, lambda line: None)
@@ -302,9 +302,9 @@ def _limits(problem: Problem) -> dict[str, Any]:
 
 
 def _creeps(meshes: Sequence[Mapping[str, float]]) -> bool:
-    """Whether forces have no limit, as where glued corners fold: their changes do not shrink.
+    """Whether forces have no limit, as where glued corners fold: their changes do not decrease.
 
-    A fourth mesh of deck 324 moves all probes on by more than the third did.
+    A fourth mesh of deck 324 changes all probes by more than the third did.
     """
     names = [name for name in meshes[-1] if name.startswith("f_")]
     first, second = np.diff([[mesh[name] for name in names] for mesh in meshes], axis=0)
@@ -314,7 +314,7 @@ def _creeps(meshes: Sequence[Mapping[str, float]]) -> bool:
 
 
 def _even_stresses(problem: Problem) -> dict[str, list[float]]:
-    """Stresses of even meshes in space, with what the last one changes as doubt."""
+    """Stresses of even meshes in space; their doubt is the change due to the last mesh."""
     tables = read_deck(dict(problem.tables))
     found = [solve_deck(tables, (n, n, n))["probes"] for n in _EVEN]
     names = [name for name in found[-1] if name.startswith("s_")]
@@ -322,7 +322,7 @@ def _even_stresses(problem: Problem) -> dict[str, list[float]]:
 
 
 def _finer_ends(size: F64, share: float, nodes: F64) -> F64:
-    """Nodes of a box moved towards its faces; those half way stay."""
+    """Nodes of a box moved towards its faces; those in the middle stay."""
     place = nodes / size
     return size * (place - share * np.sin(2 * np.pi * place) / (2 * np.pi))
 

@@ -1,7 +1,7 @@
-"""Random sheets and boxes of two materials that name no points, with interfaces anywhere.
+"""Random sheets and boxes of two materials without points, with interfaces anywhere.
 
-Finite elements that end at the interface find the truths, `benchmarks/truths/unseen_layers.json`,
-beforehand. The even numbers are for tuning, the odd ones for looking at the result.
+Finite elements aligned with the interface give the truths, `benchmarks/truths/unseen_layers.json`,
+beforehand. The even numbers are for tuning, the odd ones for assessing the result.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.types import F64
 
-#: Sheets come before boxes in space
+#: Numbers of sheets come before those of boxes in space
 _SHEETS = 40
 NUMBERS = range(_SHEETS + 24)
-#: How much finer elements are at ends and interface
+#: Refinement of elements at ends and interface
 _FINER = 0.75
-#: Doubt over the largest of a kind up to which a probe is known: the middle of a sheared bar has
-#: no stress along it
+#: Largest doubt, relative to the largest of a kind, of a known probe: the middle of a sheared bar
+#: has no stress along it
 _KNOWN = 0.2
 _SEED = 20261127
 _AXES = "xyz"
@@ -35,18 +35,18 @@ TRUTHS = Path(__file__).parent / "truths" / "unseen_layers.json"
 
 
 class _Body(NamedTuple):
-    """A box, and where its second material lies."""
+    """A box, and the position of its second material."""
 
     lines: Sequence[F64]  #: Ends and interfaces along each edge [length]
     second: Sequence[
         Sequence[bool]
     ]  #: Whether it lies between each two of these, in each direction
-    meshes: Sequence[int]  #: Elements between two of these
+    meshes: Sequence[int]  #: Number of elements between two of these
     name: str
     tables: Mapping[str, Any]
 
     def place(self, share: F64) -> F64:
-        """Places of shares of the edges, of which all parts between two lines are alike."""
+        """Positions for relative coordinates that give all parts between two lines equal length."""
         bent = [
             np.interp(q, np.linspace(0.0, 1.0, len(lines)), lines)
             for q, lines in zip(np.moveaxis(share, -1, 0), self.lines, strict=True)
@@ -54,7 +54,7 @@ class _Body(NamedTuple):
         return np.stack(bent, axis=-1)
 
     def label(self, corner: F64) -> int:
-        """Material of an element by its middle on the lattice."""
+        """Material of an element, by its centre on the lattice."""
         parts = [
             own[min(int(len(own) * x / lines[-1]), len(own) - 1)]
             for x, own, lines in zip(corner, self.second, self.lines, strict=True)
@@ -62,7 +62,7 @@ class _Body(NamedTuple):
         return 1 + int(all(parts))
 
     def warp(self, nodes: F64) -> F64:
-        """Nodes of the lattice moved to the interfaces, finer beside them and at the ends."""
+        """Nodes of the lattice moved to the interfaces, refined beside them and at the ends."""
         parts = np.array([len(own) for own in self.second])
         share = parts * nodes / [lines[-1] for lines in self.lines]
         part = np.minimum(np.floor(share), parts - 1)
@@ -72,7 +72,7 @@ class _Body(NamedTuple):
 
 
 def body_of(number: int) -> _Body:
-    """Random sheet or box of a number, which any machine draws alike."""
+    """Random sheet or box of a number, identical on every machine."""
     return _sheet_of(number) if number < _SHEETS else _box_of(number)
 
 
@@ -157,7 +157,7 @@ def _box_of(number: int) -> _Body:
     other["where"] = " and ".join(conditions)
     box = _Body(lines, second, (2, 4), "", {})
     at = partial(_at, box)
-    # the middles of both parts, and of the whole length where that has no interface
+    # the middles of both parts, or of the whole length where it has no interface
     low, high = [0.25] * 3, [0.75] * 3
     if all(second[0]):
         low[0] = high[0] = 0.5
@@ -176,12 +176,12 @@ def _box_of(number: int) -> _Body:
 
 
 def _at(body: _Body, *share: float) -> tuple[float, ...]:
-    """Place of shares of the edges of a body."""
+    """Position in a body for relative coordinates."""
     return tuple(np.round(body.place(np.array(share)), 6).tolist())
 
 
 def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
-    """Solve sheets that have truths at each target error, and boxes at one; a few for `quick`."""
+    """Solve sheets that have truths at each target error, and boxes at one; with `quick` a few."""
     numbers = [*NUMBERS[:6], *NUMBERS[_SHEETS : _SHEETS + 2]] if quick else NUMBERS
     bodies = {number: body_of(number) for number in numbers}
     problems = {n: Problem(body.name, body.tables, ((),), ()) for n, body in bodies.items()}
@@ -194,9 +194,9 @@ def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
 
 
 def _limits(body: _Body) -> dict[str, Any]:
-    """Value of each probe and what the finer mesh changes; none of what meshes do not know."""
+    """Value of each probe and its change by the finer mesh; unknown probes are left out."""
     found = read_deck(dict(body.tables))
-    # the mesh moves with the interface, and loads of its sides would be those before
+    # the mesh moves with the interface, so that loads on its sides would be the earlier ones
     if "traction" in found["boundary"][-1] and not all(body.second[1]):
         return {}
     for label, table in enumerate(found["material"], 1):

@@ -1,7 +1,7 @@
-"""Random label maps: round bodies of one or two tissues that name neither form, points nor blocks.
+"""Random label maps: round bodies of one or two tissues, without form, points or blocks.
 
-Finite elements of the true shape find the truths, `benchmarks/truths/unseen_maps.json`, beforehand.
-The numbers below 32 are for tuning, the others for looking at the result.
+Finite elements of the true shape give the truths, `benchmarks/truths/unseen_maps.json`, beforehand.
+The numbers below 32 are for tuning, the others for assessing the result.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from myork.errors import ConvergenceError
 from myork.types import F64
 
 NUMBERS = range(62)
-#: The first number that nothing was chosen on
+#: The first number not used for any choice
 OTHER = 32
-#: The only form of a map, without overrides
+#: The only form for a map, without overrides
 AS_THEY_ARE: dict[str, tuple[str, ...]] = {"map": ()}
 _SEED = 20261127
 #: Limits of finite elements
@@ -37,11 +37,11 @@ Rng = np.random.Generator
 
 
 class _Shape:
-    """Round body about a line from z = 0 on: a box of edges `size` is warped into it.
+    """Round body about a line from z = 0 on, warped from a box with edges `size`.
 
-    Sections are ellipses, whole or half; the middle moves with z. Squares across the box become
-    discs (u, v) = (a sqrt(1 - b^2/2), b sqrt(1 - a^2/2)), and what a and b say of tissues has
-    curved borders.
+    Sections are ellipses, whole or half; their centre moves with z. Squares across the box become
+    discs (u, v) = (a sqrt(1 - b^2/2), b sqrt(1 - a^2/2)), so that tissue borders given by a and b
+    are curved.
     """
 
     def __init__(self, rng: Rng, half: bool) -> None:
@@ -59,7 +59,7 @@ class _Shape:
             "ellipsoid": lambda t: np.sqrt(1.0 - (0.8 * (2.0 * t - 1.0)) ** 2),
         }
         share = shares[kind]
-        # the lattice of voxels meets the body anywhere, but a plane of symmetry
+        # the voxel lattice has any position relative to the body, except at a plane of symmetry
         lean = np.maximum(-tilt, 0.0) * self.length
         start = radii + lean + self.voxel * rng.uniform(0.0, 1.0, 2)
         if half:
@@ -70,19 +70,19 @@ class _Shape:
         self.size = (*(self.voxel * np.ceil(wide / self.voxel)), self.length)
 
     def square(self, x: F64) -> F64:
-        """a, b, z of places of the box."""
+        """a, b, z of positions in the box."""
         share = np.asarray(x)[..., :2] / self.size[:2]
         a = share[..., 0] if self.half else 2.0 * share[..., 0] - 1.0
         return np.stack([a, 2.0 * share[..., 1] - 1.0, x[..., 2]], axis=-1)
 
     def place(self, square: F64) -> F64:
-        """Places in the body of a, b, z."""
+        """Positions in the body for a, b, z."""
         a, b, z = np.moveaxis(np.asarray(square, float), -1, 0)
         disc = np.stack([a * np.sqrt(1 - b * b / 2), b * np.sqrt(1 - a * a / 2)], axis=-1)
         return np.concatenate([self.middle(z) + self.radii(z) * disc, z[..., None]], axis=-1)
 
     def back(self, x: F64) -> tuple[NDArray[Any], F64]:
-        """Whether places lie in the body, and their a, b, z."""
+        """Whether positions lie in the body, and their a, b, z."""
         z = x[..., 2]
         disc = (x[..., :2] - self.middle(z)) / self.radii(np.clip(z, 0.0, self.length))
         inside = (disc**2).sum(axis=-1) < 1.0
@@ -96,7 +96,7 @@ class _Shape:
 
 
 def body_of(number: int) -> Body:
-    """Random body of a number, which any machine draws alike."""
+    """Random body of a number, identical on every machine."""
     rng = np.random.default_rng([_SEED, number])
     half, two = bool(rng.random() < 0.35), bool(rng.random() < 0.5)
     shape = _Shape(rng, half)
@@ -181,7 +181,7 @@ _PARTS: dict[str, Callable[[float, F64], NDArray[Any]]] = {
 
 
 def _loads(rng: Rng, shape: _Shape) -> tuple[list[dict[str, Any]], str]:
-    """Fixed bottom, and what happens to the top; half bodies stay symmetric."""
+    """Fixed bottom, and the load on the top; half bodies stay symmetric."""
     ways = ["pulled", "pressed", "sheared", "traction", "slipped"]
     way = str(rng.choice(ways if shape.half else [*ways, "twisted"]))
     pull = float(np.round(rng.uniform(0.05, 0.2) * shape.length, 4))
@@ -200,16 +200,16 @@ def _loads(rng: Rng, shape: _Shape) -> tuple[list[dict[str, Any]], str]:
 
 
 def rows(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
-    """Solve all bodies that have truths as they are; a few of them for `quick`."""
+    """Solve all bodies that have truths, unchanged; with `quick` a few of them."""
     bodies = {number: body_of(number) for number in (NUMBERS[:6] if quick else NUMBERS)}
     return answers(bodies, TRUTHS, progress, range(OTHER, NUMBERS.stop), AS_THEY_ARE)
 
 
 def _limits(number: int) -> dict[str, Any]:
-    """Value of each probe and its doubt; nothing where a mesh has none.
+    """Value of each probe and its doubt; empty if a mesh has none.
 
-    Errors fall with the spacing at rims and with its square or faster elsewhere: what is left of
-    the last change lies between none and all of it.
+    Errors decrease with the spacing at rims and with its square or faster elsewhere: the remaining
+    error lies between zero and the last change.
     """
     body = body_of(number)
     deck = read_deck(box_tables(body))

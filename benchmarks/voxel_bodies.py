@@ -1,7 +1,7 @@
 """Bodies from label maps, and the same bodies as warped boxes for finite elements.
 
-A label map is sampled at half the distance of the source points, as `build` has it by default; the
-bodies lie off the lattice where they are curved, so that no count of voxels is lucky.
+A label map is sampled at half the distance of the source points, the default of `build`. Curved
+bodies are not aligned with the lattice, so that no voxel count is accurate by chance.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from myork.types import F64
 class Body(NamedTuple):
     """A body of voxels."""
 
-    name: str  #: What tables show
+    name: str  #: Name in tables
     size: tuple[float, float, float]  #: Edges of the box that is warped into it [cm]
-    tables: Mapping[str, Any]  #: Deck without points, its sets those of a model
-    #: Label at places of shape `(..., 3)` [cm]; zero is nothing
+    tables: Mapping[str, Any]  #: Deck without points, with sets of a model
+    #: Label at places of shape `(..., 3)` [cm]; zero is background
     label: Callable[[F64], NDArray[Any]]
-    sizes: tuple[float, ...]  #: Distances of the source points, falling [cm]
-    #: Finite elements along each edge of the box, rising; each probe is a corner
+    sizes: tuple[float, ...]  #: Distances of the source points, descending [cm]
+    #: Finite elements along each edge of the box, ascending; each probe is a corner
     elements: tuple[tuple[int, int, int], ...]
-    #: Places in the body of places in the box, shape `(n, 3)` [cm]
+    #: Map from positions in the box to the body, shape `(n, 3)` [cm]
     warp: Callable[[F64], F64] | None = None
-    #: Label of a place in the box, one everywhere otherwise
+    #: Label of a position in the box; by default one everywhere
     part: Callable[[F64], int] | None = None
 
 
 def body_cloud(body: Body, voxel: float) -> PointCloud:
-    """Points of a body, source points at every second voxel of its label map.
+    """Points of a body, with source points at every second voxel of its label map.
 
     - `voxel`: distance of the source points, two edges of a voxel [cm]
     """
     fine = 0.5 * voxel
-    # two voxels of nothing around it; curved bodies off the lattice by parts of a spacing
+    # two layers of background around it; curved bodies shifted against the lattice
     shift = np.array([0.3, 0.17, 0.0]) * voxel if body.part is None else np.zeros(3)
     low = np.array([-2, -2, 0])
     count = np.rint(np.array(body.size) / fine).astype(int) - 2 * low
@@ -58,10 +58,10 @@ def body_cloud(body: Body, voxel: float) -> PointCloud:
 
 
 def voxel_by_voxel(body: Body, voxel: float, elements: Sequence[tuple[int, int, int]]) -> Body:
-    """A body as its label map has it, stairs and all; of its probes the forces.
+    """A body with the stairs of its label map; of its probes, only the forces.
 
     - `voxel`: distance of the source points, as in `body_cloud` [cm]
-    - `elements`: along each edge, rising; none has parts of two voxels of different tissue
+    - `elements`: along each edge, ascending; each contains voxels of one tissue only
     """
     fine = 0.5 * voxel
 
@@ -116,7 +116,7 @@ def _round(radius: Callable[[F64], F64]) -> dict[str, Any]:
 
 
 def _bent(x: F64) -> F64:
-    """Layers across x bent along z between the faces of the box."""
+    """Layers normal to x, bent along z between the faces of the box."""
     move = 0.15 * np.sin(np.pi * x[..., 2] / _LENGTH) * x[..., 0] * (2 - x[..., 0])
     return np.stack([x[..., 0] + move, x[..., 1], x[..., 2]], axis=-1)
 

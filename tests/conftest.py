@@ -8,20 +8,20 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-# Before numpy and the core are imported: OpenMP and OpenBLAS read these once. One thread is the
-# only count whose speed does not collapse on a shared machine; tests of threads ask for two.
+# Before numpy and the core are imported: OpenMP and OpenBLAS read these once. Only with one thread
+# is the speed reliable on a shared machine; tests of threads ask for two.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-# A shell starts what runs in the background with SIGINT ignored, and programs inherit that
+# A shell starts background processes with SIGINT ignored, and programs inherit that
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
 import pytest  # noqa: E402
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What is neither slow nor nightly is core; what trains a reduced model is slow."""
+    """Tests neither slow nor nightly are core; those that train a reduced model are slow."""
     for item in items:
         if {"trained", "voxel_rom"} & set(getattr(item, "fixturenames", ())):
             item.add_marker(pytest.mark.slow)
@@ -64,7 +64,7 @@ def open_scene() -> Iterator[Callable[..., Any]]:
 
 @pytest.fixture(scope="session")
 def voxel_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """File of a reduced model of a muscle of 4 x 4 x 4 voxels, which has arrays of every kind."""
+    """File of a reduced model of a muscle of 4 x 4 x 4 voxels, with arrays of every kind."""
     from dataclasses import replace
 
     import numpy as np
@@ -93,9 +93,9 @@ def voxel_rom(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    """A headless Chromium; a test without one has failed, not passed.
+    """A headless Chromium; without one, a test fails instead of passing.
 
-    It ends with its module: its loop of events would stand in the way of others.
+    It is closed with its module: its event loop would disturb other tests.
     """
     from playwright.sync_api import sync_playwright
 
@@ -112,7 +112,7 @@ def browser() -> Iterator[Any]:
 
 @pytest.fixture
 def open_page(browser: Any) -> Iterator[Callable[[str], Any]]:
-    """Open a page; at the end it must have said nothing on its console."""
+    """Open a page; at the end its console must be empty."""
     said: list[str] = []
     pages = []
 

@@ -1,4 +1,4 @@
-"""What tests of images share: decks, files, diffusion images of the phantom."""
+"""Helpers of the image tests: decks, files, diffusion images of the phantom."""
 
 from pathlib import Path
 from typing import Any
@@ -26,7 +26,7 @@ def angle(a: ArrayLike, b: ArrayLike) -> F64:
 
 
 def save(folder: Path, affine: F64, **files: Any) -> None:
-    """Write arrays as files of their names: labels where they are whole numbers or records."""
+    """Write arrays as files of their names: as labels if they are integers or records."""
     for name, data in files.items():
         path = folder / f"{name}.nii.gz"
         if isinstance(data, Labels):
@@ -40,14 +40,14 @@ def save(folder: Path, affine: F64, **files: Any) -> None:
 
 
 def segmented(folder: Path, out: str = "out", **tables: Any) -> dict[str, Any]:
-    """Summary of `segment` on the files of a folder; without shading, unless a table says so."""
+    """Summary of `segment` on the files of a folder; without shading, unless a table sets it."""
     deck = {"scene": {"dimension": 3}, "bias": {"method": "none"}, **tables}
     (folder / "deck.toml").write_text(text_of_tables(deck))
     return segment(folder / "deck.toml", folder / out, progress=print)
 
 
 def built(folder: Path, dimension: int = 3, **table: Any) -> dict[str, Any]:
-    """Entry `model` of what `build` says of a table, whose files are those of a folder."""
+    """Entry `model` of the summary of `build` for a table whose files are in a folder."""
     files = {k: str(folder / v) for k, v in table.items() if str(v).endswith(".nii.gz")}
     deck = {"title": "t", "units": UNITS, "scene": {"dimension": dimension}}
     return build({**deck, "build": {**table, **files}}, folder / "out")["model"]
@@ -56,7 +56,7 @@ def built(folder: Path, dimension: int = 3, **table: Any) -> dict[str, Any]:
 def phantom_dwi(
     phantom: Phantom, snr: float = 25.0, directions: int = 30, b: float = 500.0, seed: int = 1
 ) -> tuple[Image, GradientTable]:
-    """Diffusion images of a phantom with Rician noise, a tenth more of them without gradient."""
+    """Diffusion images of a phantom with Rician noise, with a tenth more without gradient."""
     still = max(1, directions // 10)
     direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
     table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
@@ -73,7 +73,7 @@ def affine_of(spacing: ArrayLike, origin: ArrayLike = 0.0) -> F64:
 
 
 def centred(*shape: int) -> F64:
-    """Indices of voxels from the middle of a grid, shape `(3, *shape)`."""
+    """Indices of voxels relative to the middle of a grid, shape `(3, *shape)`."""
     return np.indices(shape) - (np.reshape(shape, (-1, *[1] * len(shape))) - 1) / 2
 
 

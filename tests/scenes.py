@@ -1,4 +1,4 @@
-"""Decks in few words, the answers of a solve by name, and what tests ask of all forms."""
+"""Short functions for decks, the answers of a solve by name, and checks common to all forms."""
 
 import csv
 import json
@@ -32,7 +32,7 @@ if sys.version_info >= (3, 11):
 else:
     from pip._vendor import tomli as tomllib  # noqa: F401
 
-#: Of the reference, with a bulk modulus that needs no treatment
+#: Rubber of the reference, with a bulk modulus that needs no special treatment
 RUBBER = {**materials.RUBBER, "K": 1e3}
 #: Smooth, and soft enough for all forms
 MUSCLE = {**materials.MUSCLE, "K": 500.0, "curve": "smooth"}
@@ -105,9 +105,9 @@ BODIES = CASES | {
 
 
 def box(*source: int, size: Any = 1.0, places: Any = None, **more: Any) -> dict[str, Any]:
-    """Table `[geometry]` of a box; twice as many collocation points where none are given.
+    """Table `[geometry]` of a box; twice as many collocation points unless given.
 
-    Without source points, or with `places=False`, the deck names none of these.
+    Without source points, or with `places=False`, the deck gives none of these.
     """
     size = np.broadcast_to(size, len(source) or len(size)).tolist()
     given: dict[str, Any] = {"source": list(source)} if source else {}
@@ -125,7 +125,7 @@ def annulus(
 
 
 def scene(method: str, geometry: Mapping[str, Any], **tables: Any) -> dict[str, Any]:
-    """Tables of a deck; the geometry of points that are given is empty, their body solid."""
+    """Tables of a deck; with given points the geometry is empty, and the body three-dimensional."""
     nd = len(geometry.get("source") or geometry.get("size", "xyz"))
     return {"scene": {"dimension": nd, "method": method}, "geometry": dict(geometry)} | tables
 
@@ -136,7 +136,7 @@ def neo(mu: float, bulk: float, name: str = "rubber", **more: Any) -> dict[str, 
 
 
 def slip(axes: str) -> list[dict[str, Any]]:
-    """Both sides along each of these axes stay in their planes."""
+    """Both sides normal to each of these axes stay in their planes."""
     return [{"set": f"{axis}{end}", f"u_{axis}": 0} for axis in axes for end in (0, 1)]
 
 
@@ -144,7 +144,7 @@ def loaded(
     method: str, geometry: Mapping[str, Any], material: Any, ends: str, end: Mapping[str, Any],
     *wanted: str, **tables: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """A body of a material or several, held at the first of two sets, a condition at the other.
+    """A body of one or more materials, fixed at one set, with a condition at the other.
 
     Probes are those of `probes`.
     """
@@ -157,7 +157,7 @@ def loaded(
 def gripped(
     method: str, geometry: Mapping[str, Any], material: Any, ends: str, *wanted: str, **more: Any
 ) -> dict[str, Any]:
-    """The same, of which the other set is held as well; `u_x` and so on among `more` move it."""
+    """The same, with the other set also constrained; `u_x` and so on among `more` move it."""
     moved = {key: more.pop(key) for key in ("u_x", "u_y", "u_z") if key in more}
     deck = loaded(method, geometry, material, ends, {}, *wanted)
     deck["boundary"][1] = held(ends.split()[1], deck["scene"]["dimension"], **moved)
@@ -167,9 +167,9 @@ def gripped(
 def sheared(
     nd: int, method: str, material: Mapping[str, Any] = RUBBER, n: int = 5, **tables: Any
 ) -> dict[str, Any]:
-    """A block with a clamped end and one that is stretched and shorn.
+    """A block with a clamped end and one that is stretched and sheared.
 
-    Displacements hold at source points, which are the places of output as well.
+    Displacements are exact at source points, which are also the output points.
     """
     last = "xyz"[nd - 1]
     sides = (f"{last}0", f"{last}1")
@@ -191,7 +191,7 @@ def forces(*sets: str) -> list[dict[str, Any]]:
 
 
 def probes(*lines: str | dict[str, Any]) -> list[dict[str, Any]]:
-    """Probes as tables, or by name, quantity and what they are of: a set, a point or nothing."""
+    """Probes as tables, or by name, quantity and location: a set, a point or none."""
     found: list[dict[str, Any]] = []
     for line in lines:
         if isinstance(line, dict):
@@ -208,7 +208,7 @@ def probes(*lines: str | dict[str, Any]) -> list[dict[str, Any]]:
 
 
 def strip(*source: int, method: str = "auto", places: Any = None, **tables: Any) -> dict[str, Any]:
-    """A strip of rubber that is pulled, quick to solve in any form."""
+    """A strip of rubber in tension, quick to solve in any form."""
     body = box(*source, size=[2, 1], places=places)
     deck = gripped(method, body, neo(10, 1000), "x0 x1", "pull force_x x1", u_x=0.2)
     return {"title": "strip"} | deck | tables
@@ -217,8 +217,8 @@ def strip(*source: int, method: str = "auto", places: Any = None, **tables: Any)
 def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, Any]:
     """A soft beam of 4 x 1 under a dead traction on its end.
 
-    Its tip goes up by 0.9145: there the Galerkin form (0.9017, 0.9104, 0.9132 and 0.9141 at 17x5 to
-    129x33 points) and felupe's Q2/P1 go.
+    Its tip moves up by 0.9145, the limit of the Galerkin form (0.9017, 0.9104, 0.9132 and 0.9141 at
+    17x5 to 129x33 points) and of felupe's Q2/P1.
     """
     rubber = {"name": "rubber", "model": "polynomial", "A10": 37.3, "K": 1e3}
     return loaded(
@@ -227,19 +227,19 @@ def cantilever(method: str = "auto", *source: int, **tables: Any) -> dict[str, A
     ) | tables  # fmt: skip
 
 
-#: Tip of the beam of rubber: felupe's quadratic elements with projected pressure, 4, 8 and 16
+#: Tip of the rubber beam: felupe's quadratic elements with projected pressure, 4, 8 and 16
 #: across, extrapolated
 BEAM_TIP = 1.6485
 
 
 def beam(*source: int, load: float = 2.0, places: Any = None, **tables: Any) -> dict[str, Any]:
-    """A beam of 4 x 1 of rubber under a dead traction on its end; nothing else is named."""
+    """A rubber beam of 4 x 1 under a dead traction on its end; nothing else is specified."""
     body, end = box(*source, size=[4, 1], places=places), {"traction": [0, load]}
     return loaded("auto", body, RUBBER, "x0 x1", end, "tip u_y 4 0.5") | tables
 
 
 def pushed(push: float, **tables: Any) -> dict[str, Any]:
-    """A block between rollers, pressed by 43 %, and then under a dead load aside."""
+    """A block between rollers, compressed by 43 %, and then under a transverse dead load."""
     return scene(
         "rkpm-gauss", box(9, 9), material=[neo(1.0, 33.0)],
         boundary=[*PLANES[:2], {"set": "y1", "u_y": -0.43, "amplitude": "press"},
@@ -259,7 +259,7 @@ def contracting(*source: int, **tables: Any) -> dict[str, Any]:
 
 
 class Answer(NamedTuple):
-    """What a solve gave: states, probes by name of each state, fields of the last one."""
+    """Result of a solve: states, probes by name of each state, fields of the last one."""
 
     states: States
     probes: dict[str, F64]
@@ -283,7 +283,7 @@ def solved(
     deck: Mapping[str, Any] | Path | Scene, *overrides: str, cloud: PointCloud | None = None,
     error: bool = False,
 ) -> Answer:  # fmt: skip
-    """Solve tables, a deck or a scene that is open; error bars only where they are asked for."""
+    """Solve tables, a deck or an open scene; error bars only on request."""
     if isinstance(deck, Scene):
         states = deck.solve(error=error)
         names = [probe["name"] for probe in deck.deck.get("probe", [])]
@@ -306,16 +306,16 @@ def solved(
 def refused(
     tables: Mapping[str, Any], cloud: PointCloud | None = None, overrides: Iterable[str] = ()
 ) -> str:
-    """What is said of tables that cannot be opened."""
+    """Error message for tables that cannot be opened."""
     return refuses(".", lambda: Scene.from_tables(tables, cloud, overrides=overrides).close())
 
 
 def refuses(
     said: str, call: Callable[..., Any], *args: Any, kind: Any = InputError, **keys: Any
 ) -> str:
-    """A call with these arguments ends in an error of a kind, or of one of some, that says so.
+    """A call with these arguments must raise an error of one of some kinds, with this message.
 
-    Returns all that it says.
+    Returns the whole message.
     """
     with pytest.raises(kind, match=said) as caught:
         call(*args, **keys)
@@ -329,7 +329,7 @@ def deck_file(path: Path, tables: Mapping[str, Any]) -> Path:
 
 
 def myork(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
-    """Run the command in a process of its own; `more` goes to `subprocess.run`."""
+    """Run the command in a separate process; `more` goes to `subprocess.run`."""
     usual: dict[str, Any] = {"capture_output": True, "text": True, "timeout": 300}
     return subprocess.run([sys.executable, "-m", "myork", *map(str, words)], **usual | more)
 
@@ -337,7 +337,7 @@ def myork(*words: object, **more: Any) -> subprocess.CompletedProcess[str]:
 def execute(
     deck: Path, out: Path, *words: str, sets: Iterable[str] = (), **more: Any
 ) -> tuple[dict[str, Any], subprocess.CompletedProcess[str]]:
-    """Run the executable on one thread; the summary that it leaves, if any, and what it said.
+    """Run the executable on one thread; returns the summary it wrote, if any, and its output.
 
     `more` goes to `subprocess.run`.
     """
@@ -351,7 +351,7 @@ def execute(
 
 
 def explained(deck: Path, *overrides: str) -> str:
-    """What `myork explain` says of a deck."""
+    """Output of `myork explain` for a deck."""
     lines: list[str] = []
     explain_deck(deck, overrides=overrides, progress=lines.append)
     return "\n".join(lines)
@@ -369,7 +369,7 @@ def history(out: Path) -> list[dict[str, str]]:
 
 
 def start(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
-    """The executable on one thread, all that it says in one stream."""
+    """The executable on one thread, with all output in one stream."""
     return subprocess.Popen(
         [find_executable(), deck, "-o", out, "-t", "1", *words],
         env={**os.environ, "OMP_NUM_THREADS": "1"},
@@ -378,7 +378,7 @@ def start(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
 
 
 def stop_behind(child: subprocess.Popen[str], step: int, number: int = signal.SIGKILL) -> None:
-    """End a run as soon as it has a load step."""
+    """Stop a run as soon as it has a load step."""
     assert child.stdout is not None
     for line in child.stdout:
         if line.startswith(f"step {step:3d}"):
@@ -399,9 +399,9 @@ def voxels(
     data: Any, edge: Any = 10.0, unit: str = "cm", said: list[str] | None = None,
     activation: Any = None, **build: Any,
 ) -> PointCloud:  # fmt: skip
-    """Points of a label map with voxels of such edges [mm], each a source point by default.
+    """Points of a label map with voxels of given edges [mm], each a source point by default.
 
-    `activation` is the part of the activation that each voxel has.
+    `activation` is the fraction of the activation in each voxel.
     """
     affine = np.diag([*np.broadcast_to(edge, 3), 1.0])
     table = {**table_defaults("build"), "source_stride": [1] * 3, **build}
@@ -414,7 +414,7 @@ def voxels(
 
 
 def staircase() -> PointCloud:
-    """Voxels of unequal edges without two of their corners, in blocks of eight."""
+    """Voxels of unequal edges, in blocks of eight, without two of their corners."""
     data = np.ones((6, 5, 6))
     data[:2, :2, :3] = 0
     data[4:, 3:, 4:] = 0
@@ -422,7 +422,7 @@ def staircase() -> PointCloud:
 
 
 def derivative(function: Callable[[float], Any], step: float) -> F64:
-    """Of a function at 0, by central differences of eighth order."""
+    """Derivative of a function at 0, by central differences of eighth order."""
     weights = {1: 4 / 5, 2: -1 / 5, 3: 4 / 105, 4: -1 / 280}
     total = sum(w * (function(k * step) - function(-k * step)) for k, w in weights.items())
     return np.asarray(total) / step
@@ -437,7 +437,7 @@ def check_weak_tangent(opened: Scene, symmetric: bool = True) -> None:
     x, direction, other = 0.01 * random.standard_normal((3, opened.dofs))
     _, product = opened.linearise(x, 0.6, direction)
     slope = derivative(lambda h: opened.linearise(x + h * direction, 0.6, direction)[0], 0.02)
-    # entries beyond the coefficients of a pressure have a stiffness and no force of their own
+    # entries beyond the coefficients of a pressure have a stiffness but no force
     used = (slope != 0.0) | (np.arange(len(x)) < opened.source_points * opened.dimension)
     assert_allclose(product[used], slope[used], atol=1e-8 * np.abs(slope).max())
     if symmetric:

@@ -1,8 +1,8 @@
-"""The site: it builds without warnings, its index of equations is true, its tutorials run.
+"""The site: it builds without warnings, its index of equations is correct, its tutorials run.
 
-What a page shows of a command's output is what the command prints. Scripts of the gallery run, are
-short and stand on its page with their pictures; notebooks run with what they assert, and keep no
-outputs.
+The command output shown on a page is what the command prints. Scripts of the gallery run, are
+short and are shown on its page with their pictures; notebooks run with their assertions, and are
+stored without outputs.
 """
 
 import json
@@ -62,7 +62,7 @@ def test_site_builds_without_warnings(tmp_path: Path) -> None:
     assert (tmp_path / "index.html").is_file()
 
 
-#: Pages whose blocks run as they stand, one after the other
+#: Pages whose blocks run unchanged, one after the other
 TUTORIALS = [ROOT / "docs/start.md", *sorted((ROOT / "docs/tutorials").glob("*.md"))]
 #: Pages that show what commands print
 SHOWING = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -70,7 +70,7 @@ NUMBER_SHOWN = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[Ee][-+]?\d+)?")
 
 
 def run(line: str) -> str:
-    """What a command of a page prints."""
+    """Output of a command on a page."""
     words = shlex.split(line, comments=True)
     assert words.pop(0) == "myork", line
     done = myork(*words, timeout=None)
@@ -79,11 +79,10 @@ def run(line: str) -> str:
 
 
 def is_alike(shown: str, printed: str) -> bool:
-    """Whether a line of a page is that of a run.
+    """Whether a line of a page agrees with that of a run.
 
-    Words are the same, and numbers to 1.5 in the last digit shown or 1e-4, as the last digits are
-    those of a library. Residuals, steps of the iteration, times and memory say nothing and may be
-    any.
+    Words must be equal, and numbers to 1.5 in the last digit shown or 1e-4, as the last digits
+    depend on libraries. Residuals, steps of the iteration, times and memory are not compared.
     """
     lines = [
         re.sub(r"(\|(?:r|A'r|da)\| +)\S+|\S+ (?:(?:CPU )?s|MB)(?=,|$)", r"\1...", line.rstrip())
@@ -100,7 +99,7 @@ def is_alike(shown: str, printed: str) -> bool:
 
 
 def run_console(block: str) -> None:
-    """Run the commands of a block, and compare what stands below each with what it prints."""
+    """Run the commands of a block, and compare the text below each with its output."""
     for part in re.split(r"^\$ ", block, flags=re.M)[1:]:
         line, _, shown = part.partition("\n")
         printed = run(line)
@@ -141,7 +140,7 @@ def test_what_commands_print_stands_below_them() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda p: p.stem)
 def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every block as it stands: decks are written, commands run, Python keeps its names."""
+    """Every block unchanged: decks are written, commands run, Python keeps its names."""
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
     blocks = blocks_of(page, "python|sh|toml|console")
@@ -228,7 +227,7 @@ def test_words_of_the_field_stand_in_sources() -> None:
 
 
 TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *NOTEBOOKS])
-#: Where what stands in backquotes is a path of the tree
+#: Texts in backquotes that are paths of the tree
 FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "notebooks", "pydriver", "tests"]
 FOLDERS += [".ci", ".github"]
 
@@ -282,7 +281,7 @@ def test_paths_and_benchmarks_are_there() -> None:
 
 
 def test_numbers_of_the_readme_are_those_of_the_pages() -> None:
-    """What was measured stands on the page that its row names, as it was printed."""
+    """Measured values are on the page that their row names, as printed."""
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     rows = text.split("## What has been measured")[1].split("\n## ")[0].splitlines()
     counted = 0
@@ -298,7 +297,7 @@ def test_numbers_of_the_readme_are_those_of_the_pages() -> None:
 
 
 def test_the_citation_is_that_of_this_version() -> None:
-    """CITATION.cff, pyproject's licence and meson's version agree; what is cited is complete."""
+    """CITATION.cff, pyproject's licence and meson's version agree; the citation is complete."""
     cited = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     meson = (ROOT / "meson.build").read_text(encoding="utf-8")
     assert f"version: '{cited['version']}'" in meson

@@ -1,4 +1,4 @@
-"""The architecture as a test: who may use whom.
+"""The architecture as a test: which modules may use which.
 
 Fortran: a file uses rooms of lower layers and its own, by `use ..., only`. Python: a module
 imports modules of lower layers and those of its own room. Rooms of one layer do not see each

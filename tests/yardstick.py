@@ -1,4 +1,4 @@
-"""Whether a change of the code changed an answer: hashes of what small runs of all decks give.
+"""Whether a change of the code changed an answer: hashes of the results of small runs of all decks.
 
     python tests/yardstick.py write before.json          # before the change
     python tests/yardstick.py write after.json           # after it
@@ -6,10 +6,9 @@
 
 Each case runs on one thread: labels and fibers, the model, unknowns and fields of all converged
 states, the summary with probes and errors of reduced models. Times, memory, versions and paths are
-left out. Equal hashes are equal bits; sums run in a fixed
-order, so a change that only moves code keeps them. Hashes hold on one machine with one set of
-libraries only, which is why no table of them is kept with the sources; the probes beside them say
-how far two tables are apart.
+left out. Equal hashes mean equal bits. Sums run in a fixed order, so that a change that only moves
+code keeps them. Hashes are valid for one machine and one set of libraries, which is why no table
+of them is stored with the sources; the probes beside them show how far two tables differ.
 """
 
 import os
@@ -47,7 +46,7 @@ _LEG = (
     "build.source_stride=[3,3,1]", "load.steps=1", "load.activation=0.2",
 )  # fmt: skip
 _VOXELS = ("build.collocation_stride=[4,4,1]", "build.source_stride=[8,8,2]", "load.steps=2")
-#: A block by the method, weights and curve of the reference, which its deck does not name
+#: A block with the method, weights and curve of the reference, which its deck does not name
 _BLOCK = (
     "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "scene.method=rkcm",
     "solver.weight_essential=ns-c4", "solver.weight_traction=1", "material.curve=published",
@@ -86,7 +85,7 @@ def main(command: str, *tables: str) -> int:
             for station in stations.split():
                 more = {"verbosity": -1, "error": False} if station == "solve" else {}
                 words = ROOT / "inputs" / f"{deck}.toml", folder
-                # small runs may be refused, their numbers count all the same
+                # small runs may be refused, but their numbers still count
                 with suppress(RefusedError):
                     STATIONS[station](*words, overrides=overrides, threads=1, **more)
             table[name] = _parts(Path(folder))
@@ -96,7 +95,7 @@ def main(command: str, *tables: str) -> int:
 
 
 def _parts(out: Path) -> dict[str, Any]:
-    """Hashes of what stands in a folder, and the last probes."""
+    """Hashes of the content of a folder, and the last probes."""
     found: dict[str, Any] = {}
 
     def note(name: str, item: Any) -> None:
@@ -110,7 +109,7 @@ def _parts(out: Path) -> dict[str, Any]:
     for path in out.glob("*.nii.gz"):
         found[path.name] = _hash(np.asarray(nibabel.load(path).dataobj))
     text = (out / "summary.json").read_text(encoding="utf-8").replace(str(out), "")
-    # without what no two runs share
+    # without entries that differ in every run
     summary = json.loads(text, object_hook=lambda part: {
         key: value for key, value in part.items() if not re.fullmatch(VOLATILE, key)
     })  # fmt: skip

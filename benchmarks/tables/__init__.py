@@ -1,1 +1,1 @@
-"""Tables that `benchmarks/runner.py` prints: functions that give a head, then rows."""
+"""Tables that `benchmarks/runner.py` prints: functions that yield a header, then rows."""

@@ -14,24 +14,24 @@ from myork.bench.materials import RUBBER
 from myork.core.scene import Scene
 from myork.types import F64
 
-#: Points along each edge, and bulk over shear moduli
+#: Points along each edge, and ratios of bulk to shear modulus
 POINTS, RATIOS = range(4, 13), (50.0, 1e4)
 #: Shear modulus of the rubber at rest, per N/cm2
 SHEAR = 74.6
 
 
 class Part(NamedTuple):
-    """A body, and the part of it between its planes of symmetry, which gives the truth."""
+    """A body, and its part between planes of symmetry, used for the truth."""
 
     size: tuple[float, float, float]  #: Edges of the body
-    folds: str  #: Axes across planes of symmetry through its middle
-    boundary: Sequence[dict[str, Any]]  #: Of the whole body
-    part: Sequence[dict[str, Any]]  #: Of the part, planes of symmetry apart
-    pull: tuple[str, str]  #: Component of the force and the set where it acts
-    along: str  #: Displacement that is compared
+    folds: str  #: Axes normal to planes of symmetry through its middle
+    boundary: Sequence[dict[str, Any]]  #: Conditions of the whole body
+    part: Sequence[dict[str, Any]]  #: Conditions of the part, without planes of symmetry
+    pull: tuple[str, str]  #: Force component and the set where it acts
+    along: str  #: Displacement to compare
     finer: Sequence[tuple[int, int, int]]  #: Points of the part, coarser and finer
-    middle: tuple[float, float, float]  #: Place in the part, in shares of its edges
-    side: Sequence[tuple[float, float, float]]  #: Places over the side in the same way
+    middle: tuple[float, float, float]  #: Place in the part, relative to its edges
+    side: Sequence[tuple[float, float, float]]  #: Places over the side, likewise
 
 
 def _over(*shares: Sequence[float]) -> list[tuple[float, float, float]]:
@@ -86,7 +86,7 @@ def across() -> Iterator[tuple[str, ...]]:
 
 
 def _compare(values: F64, truth: F64) -> tuple[float, float, float]:
-    """Errors of force and middle, and over the side [%]."""
+    """Errors of force and middle displacement, and over the side [%]."""
     off = values - truth
     side = np.sqrt(np.mean(off[2:] ** 2) / np.mean(truth[2:] ** 2))
     return 100 * off[0] / truth[0], 100 * off[1] / truth[1], 100 * float(side)
@@ -116,6 +116,6 @@ def _solve(body: Part, ratio: float, size: Sequence[int], whole: bool = True) ->
         states = scene.solve(error=False)
         values = np.asarray(scene.probes(states.x, states.load)[-1][:, 0])
     if not whole:
-        # planes of symmetry along the force cut the end that is moved
+        # planes of symmetry along the force divide the end that is moved
         values[0] *= 2 ** sum(axis != body.pull[1][0] for axis in body.folds)
     return values

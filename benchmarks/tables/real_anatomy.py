@@ -1,12 +1,12 @@
-"""Real anatomy with diffusion tensors, for figures 4.5 and 4.6, for whoever has the files.
+"""Real anatomy with diffusion tensors, for figures 4.5 and 4.6; needs the data files.
 
-No images with diffusion tensors and an outline of a medial gastrocnemius are at hand, so that a
-part is simulated:
+No images with both diffusion tensors and an outline of a medial gastrocnemius are available, so
+that a part is simulated:
 
-- `surface`: shape and fiber directions of a medial gastrocnemius are measured (a surface and the
+- `surface`: measured are shape and fiber directions of a medial gastrocnemius (a surface and the
   tracts of diffusion tensors); simulated are the tensors along these directions, the T1 image, and
-  what lies around: soleus on the deep side, as grey, fat elsewhere.
-- `slice`: the T1 image of two calves and the outlines of twelve muscles are measured; simulated are
+  the surroundings: soleus of equal grey on the deep side, fat elsewhere.
+- `slice`: measured are the T1 image of two calves and the outlines of twelve muscles; simulated are
   the tensors, with the phantom's direction in each muscle. Deep muscles have no outline and no
   fibers.
 """
@@ -40,7 +40,7 @@ from myork.stations.data import data_overrides
 from myork.types import F64, Mask
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
-#: The published way: three level sets from clusters, grey values and (e1, e2, e3) of the fibers
+#: The published method: three level sets from clusters, grey values and (e1, e2, e3) of the fibers
 _LEVEL_SETS = ("image.regions=8",)
 _SEEDS = ("image.regions=3", "image.fiber_channels=dyad")
 _FIBERS = "image.fiber_channels=aligned"
@@ -58,10 +58,10 @@ RUNS: dict[str, tuple[tuple[str, ...], float]] = {
 }
 #: 33 slices, as published, of the muscle that the deck `mg_tracts` names [mm]
 _VOXEL = (1.25, 1.25, 5.6)
-_SNR = 25.0  # of the simulated T1 image, as of the phantom
+_SNR = 25.0  # SNR of the simulated T1 image, as of the phantom
 _DEEP, _FAT = 30.0, 8.0  # thickness of the soleus, and of the fat around both [mm]
 #: Muscles of the phantom in the order of the labels of `calf_reference`, right before left; the
-#: long extensor of the toes lies and leans as its neighbour
+#: long extensor of the toes has the position and inclination of its neighbour
 _OF_SLICE = (
     "soleus",
     "medial_gastrocnemius",
@@ -70,11 +70,11 @@ _OF_SLICE = (
     "tibialis_anterior",
     "peroneus",
 )
-_SEEDED = (0.1, 0.3, 0.5, 0.7, 0.9)  # places of seeds, parts of the height
+_SEEDED = (0.1, 0.3, 0.5, 0.7, 0.9)  # heights of seeds, as parts of the height
 
 
 class Anatomy(NamedTuple):
-    """Images with their truth, and which of its labels are a medial gastrocnemius."""
+    """Images with their truth, and the labels that are a medial gastrocnemius."""
 
     images: Images
     truth: Labels
@@ -85,7 +85,7 @@ def surface(deck: Mapping[str, Any], snr: float) -> Anatomy:
     """The medial gastrocnemius of a surface with its tracts, soleus and fat beside it.
 
     - `deck`: has `surface` and `tracts` in its table `build`, in millimetres
-    - `snr`: of the tensors
+    - `snr`: SNR of the tensors
     """
     table = deck["build"]
     labels = voxelise(Path(table["surface"]), 1.0, _VOXEL, "medial_gastrocnemius")
@@ -102,7 +102,7 @@ def surface(deck: Mapping[str, Any], snr: float) -> Anatomy:
         away, near = ndimage.distance_transform_edt(
             ~muscle[..., k], sampling=_VOXEL[:2], return_indices=True
         )
-        # the side that x turns away from: fibers run down to it, to the aponeurosis on the soleus
+        # the side facing away from x: fibers run down to it, to the aponeurosis on the soleus
         facing = (near[0] - rows) * _VOXEL[0] > 0.3 * away
         facing = ndimage.binary_opening(facing | muscle[..., k], np.ones((5, 5)))
         deep[..., k] = facing & (away < _DEEP) & ~muscle[..., k]
@@ -126,7 +126,7 @@ def slice_of_calves(deck: Mapping[str, Any], snr: float) -> Anatomy:
     """Both medial gastrocnemii of a T1 slice with outlines.
 
     - `deck`: has `anatomy` and `truth` in its table `image`
-    - `snr`: of the tensors
+    - `snr`: SNR of the tensors
     """
     grey, drawn = (
         read_image(Path(deck["image"]["anatomy"])),
@@ -158,7 +158,7 @@ def _with_tensors(
 
 
 def seeds_inside(truth: Labels) -> list[Muscle]:
-    """A rule for each label: seeds where it is thickest, in slices over its height."""
+    """A rule for each label: seeds at its thickest places, in slices over its height."""
     muscles = []
     for number, name in truth.names.items():
         own = truth.data == number
@@ -188,7 +188,7 @@ def scores(name: str, data: Path) -> dict[str, dict[str, Any]]:
         bias=deck["bias"]["method"],
         muscles=seeds_inside(real.truth) if by_seeds else (),
     )
-    # labels are numbered as those of the truth, by either way
+    # in both cases labels are numbered as in the truth
     rules = {side: (n, [n]) for side, n in real.wanted.items()}
     each = label_scores(found.labels.data, real.truth.data, rules)
     return {side: by_slice(each[side]) for side in real.wanted}

@@ -1,4 +1,4 @@
-"""Real legs and arms, for whoever has the data."""
+"""Real legs and arms; needs the data files."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from myork.segmentation.regions import body_mask
 from myork.stations.data import data_overrides
 from myork.stations.segment import segment
 
-Places = NDArray[np.float64]  # where each pixel comes from, shape (2, ni, nj) [pixel]
+Places = NDArray[np.float64]  # origin of each pixel, shape (2, ni, nj) [pixel]
 
 DECKS = Path(__file__).parents[2] / "inputs" / "images"
 
-#: Decks of single muscles whose surfaces and fibers are public
+#: Decks of single muscles with public surfaces and fibers
 MUSCLES = ("biceps", "mg_tracts")
-# Of each leg: shift [pixel] and turn [degrees]; then random bends of so many pixels
+# For each leg: shift [pixel] and rotation [degrees]; then the size of random bends [pixel]
 RIGID = [(0, 0, 0), (3, 0, 0), (0, 4, 0), (-3, 3, 0), (0, -5, 0), (2, 2, 4), (-4, 0, -3)]
 RIGID += [(4, -3, 5), (-5, 0, 5), (5, 5, 8)]
 BENDS = [(3, 1), (3, 5), (4, 6), (5, 2), (5, 3), (5, 4)]
 
 
 def displaced(labels: Labels, legs: NDArray[np.int32], shift: Sequence[float]) -> Places:
-    """Every leg shifted and turned about the middle of its labels."""
+    """Labels with every leg shifted and rotated about the middle of its labels."""
     angle = np.radians(shift[2])
     turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
     pixels = np.indices(legs.shape).astype(float)
@@ -50,7 +50,7 @@ def displaced(labels: Labels, legs: NDArray[np.int32], shift: Sequence[float]) -
 
 
 def bent(labels: Labels, amount: float, seed: int) -> Places:
-    """A smooth random field of at most so many pixels."""
+    """A smooth random displacement field with a maximum of `amount` pixels."""
     random = np.random.default_rng(seed)
     data = labels.data[..., 0]
     fields = [ndimage.gaussian_filter(random.normal(size=data.shape), 20) for _ in range(2)]
@@ -61,7 +61,7 @@ def bent(labels: Labels, amount: float, seed: int) -> Places:
 
 
 def earlier(image: Image, labels: Labels, places: Places) -> tuple[Image, Labels]:
-    """Image and labels as of an earlier visit: elsewhere, other shading and noise."""
+    """Image and labels of a simulated earlier visit: other position, shading and noise."""
     random = np.random.default_rng(3)
     label = ndimage.map_coordinates(labels.data[..., 0], places, order=0)
     grey = ndimage.map_coordinates(image.data[..., 0], places, order=1)
@@ -116,7 +116,7 @@ def real_images(data: str, out: str) -> Iterator[tuple[str, ...]]:
 
 
 class Run(NamedTuple):
-    """What a command said and used: exit status, lines, times [s], memory [MB]."""
+    """Result of a command: exit status, lines, times [s], memory [MB]."""
 
     status: int
     said: list[str]

@@ -1,4 +1,4 @@
-"""Seconds of each phase on one thread and on two, beside what the machine itself gains."""
+"""Seconds of each phase on one and two threads, compared with the gain of the machine itself."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from myork.stations.solve import run_deck
 BOXES = {"inclined block": (9, 9, 17), "tube": (17, 101), "twist": (7, 7, 13)}
 #: Body whose tangent is never formed, and the distance of its source points [cm]
 VOXELS, DISTANCE = "spindle of voxels", 0.25
-#: Seconds of each phase, unknowns, and what has to be the same on any number of threads
+#: Seconds of each phase, unknowns, and quantities that must not depend on the number of threads
 Found = tuple[dict[str, float], int, object]
 
 
@@ -62,7 +62,7 @@ def scaling(repeats: str = "3") -> Iterator[tuple[str, ...]]:
 
 
 def _bodies(folder: Path) -> Iterator[tuple[str, Callable[[int], Found]]]:
-    """Name of each body, and its solve on some threads."""
+    """Name of each body, and a function that solves it on some threads."""
     decks: dict[str, tuple[Path, list[str]]] = {}
     for name, size in BOXES.items():
         decks[name] = folder / f"{name}.toml", []
@@ -96,7 +96,7 @@ def _bodies(folder: Path) -> Iterator[tuple[str, Callable[[int], Found]]]:
 
 
 def _limits() -> Iterator[tuple[str, Callable[[int], object], float, str]]:
-    """Name of a limit, its half with a number, its operations or bytes, and their unit a second."""
+    """Name of a limit, its half by number, its operations or bytes, and their unit per second."""
     rng = np.random.default_rng(1)
     a, b = rng.random((2, 1500, 3000)), rng.random((3000, 1500))
     yield "product", lambda half: a[half] @ b, 2 * 2 * 1500**2 * 3000 / 1e9, "Gflop/s"

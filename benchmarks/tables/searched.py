@@ -1,4 +1,4 @@
-"""Searches for points beside the best evenly spaced points of the same error."""
+"""Searches for points compared with the best evenly spaced points of the same error."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def _lattices(size: Sequence[float]) -> list[list[int]]:
 
 
 def _solved(tables: Mapping[str, Any], truths: Truths, *words: str) -> list[float]:
-    """Unknowns, largest error (infinite where there is no answer) and bar, CPU time."""
+    """Unknowns, largest error (infinite without an answer) and bar, CPU time."""
     case = solve_case(tables, words)
     if "probes" not in case:
         return [np.nan, np.inf, np.nan, np.nan]

@@ -14,11 +14,11 @@ from myork.bench.runs import read_deck
 from myork.core.deck import text_of_tables
 from myork.stations.solve import run_deck
 
-#: Points along an edge where the tangent is factorised, and where it is never formed
+#: Points along an edge if the tangent is factorised, and if it is never formed
 FACTORISED, NOT_FORMED = (7, 11, 15, 19, 25), (7, 11, 15, 19, 25, 31, 37, 43)
-#: Elements along an edge, and forms of dolfinx that take them
+#: Elements along an edge, and forms of dolfinx that use them
 ELEMENTS, FORMS = (3, 5, 8, 11, 15, 19), ("Q2", "Q2/P1")
-#: Wall time of a peer's solve at most [s]
+#: Limit of the wall time of a peer's solve [s]
 _LIMIT = 900.0
 
 

@@ -31,7 +31,7 @@ def solvers() -> Iterator[tuple[str, ...]]:
                          overrides=(*words, f"solver.linear={name}"))  # fmt: skip
             case = json.loads(Path(folder, "summary.json").read_text(encoding="utf-8"))
         said, times = case["solver"], case["timings_s"]
-        # parts are wall times, of which the process had a share
+        # parts are wall times, of which the process had only a share
         spent = case["cpu_s"] * times["solve"] / times["total"]
         dgels = dgels or spent
         found = (said["backward_error"], said["misfit"], said["reciprocal_condition"])

@@ -1,4 +1,4 @@
-"""Muscle and fat in sections of calves, thighs, hips, arms and trunks of known truth."""
+"""Muscle and fat in sections of calves, thighs, hips, arms and trunks with known truth."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ from myork.segmentation.shading import shading
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32
 
-#: First of the numbers of the sections of a half, and how many there are of each part of the body
+#: First number of the sections of a half, and number of sections of each part of the body
 HALVES = {"tuned": (0, 32), "other": (6000, 16)}
-#: Half axes of a section, and least and largest fat under the skin, between muscles, streaks of fat
-#: in muscles [mm, mm, mm, -], number of muscles, bones as (place in the radius, radius, cortex)
+#: Half axes of a section, and range of fat under the skin, between muscles, and as streaks in
+#: muscles [mm, mm, mm, -], number of muscles, bones as (position on the radius, radius, cortex)
 PARTS = {
     "calf": ((55, 52), (3, 12), (0.6, 3), (0, 0.08), 7, ((0.45, 12, 3.5), (0.55, 6, 2))),
     "thigh": ((85, 78), (5, 28), (0.8, 6), (0, 0.12), 12, ((0.15, 14, 5),)),
@@ -33,7 +33,7 @@ PARTS = {
     "arm": ((46, 44), (2, 15), (0.6, 3), (0, 0.06), 4, ((0.1, 11, 3.5),)),
     "trunk": ((160, 110), (8, 35), (1.0, 4), (0, 0.1), 14, ((0.5, 22, 1.2),)),
 }
-#: Least and largest signal of muscle, skin and marrow, fat being 1, of a kind of image
+#: Range of the signal of muscle, skin and marrow, relative to fat, for each kind of image
 KINDS = {
     "T1": ((0.28, 0.5), (0.35, 0.5), (0.8, 1.0)),
     "PD": ((0.5, 0.68), (0.4, 0.6), (0.85, 1.0)),
@@ -42,7 +42,7 @@ KINDS = {
     "fat suppressed": ((3.0, 6.0), (2.0, 3.0), (1.0, 1.3)),
 }
 MUSCLE, FAT, BONE, OTHER = 1, 2, 4, 5
-FINE = 2  # voxels of the truth in one of the image, along each axis
+FINE = 2  # voxels of the truth per voxel of the image, along each axis
 
 
 class Section(NamedTuple):
@@ -55,7 +55,7 @@ class Section(NamedTuple):
 
 
 def blurred(random: np.random.Generator, shape: tuple[int, int], width: float) -> F64:
-    """Noise alike over a width [pixel], of variance one."""
+    """Noise correlated over a width [pixel], of variance one."""
     noise = ndimage.gaussian_filter(random.normal(size=shape), width, mode="wrap")
     return noise / noise.std()
 
@@ -99,7 +99,7 @@ def section(part: str, number: int) -> Section:
     grey[truth == MUSCLE] = muscle
     fraction = np.where(truth == FAT, 0.95, 0.03)
     if part in ("hip", "trunk"):
-        # organs among fat, as grey as muscle or between it and fat
+        # organs in fat, with the grey value of muscle or between it and fat
         organs = core & (np.hypot(x / (0.5 * size * a), y / (0.45 * size * b)) < outline)
         truth[organs], grey[organs], fraction[organs] = FAT, 1.0, 0.95
         for _ in range(random.integers(5, 12)):
@@ -155,7 +155,7 @@ def section(part: str, number: int) -> Section:
 
 
 def even(case: Section) -> tuple[Image, Image | None]:
-    """Image that shows the whole body, and fat, without shading as by `segment`."""
+    """Image of the whole body, and fat, with the shading removed as by `segment`."""
     affine, fat = case.anatomy.affine, case.fat
     both = "water and fat" in case.name and fat is not None
     whole = case.anatomy.data + (fat.data if both and fat is not None else 0.0)
@@ -170,7 +170,7 @@ def even(case: Section) -> tuple[Image, Image | None]:
 
 
 def baselines(anatomy: Image, fat: Image | None) -> list[I32]:
-    """Muscle and fat by k-means of two clusters, and by scikit-image's walks from their ends."""
+    """Muscle and fat by k-means of two clusters, and by scikit-image's walks from their centres."""
     shown = anatomy if fat is None else fat
     body = body_mask(anatomy, rim=0.0)
     values = shown.data

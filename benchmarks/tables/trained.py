@@ -1,4 +1,4 @@
-"""Trained reduced models at parameters that their training does not see."""
+"""Trained reduced models at parameters outside their training."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ class Trained(NamedTuple):
     deck: str
     varied: dict[str, tuple[float, float]]
     overrides: tuple[str, ...] = ()
-    stations: tuple[Any, ...] = ()  #: That make its points
+    stations: tuple[Any, ...] = ()  #: Stations that make its points
     beyond: dict[str, tuple[float, float]] | None = None
 
 
 _MUSCLE = {"load.activation": (0.0, 1.0), "material.muscle.sigma_max": (20.0, 40.0)}
 _STRONGER = {"load.activation": (0.3, 1.0), "material.muscle.sigma_max": (70.0, 70.0)}
-#: What is trained, by name
+#: Models to train, by name
 MODELS = {
     "muscle block, nodal cells": Trained(
         "muscle_block",

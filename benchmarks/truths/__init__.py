@@ -1,5 +1,5 @@
-"""Known answers of problems: manufactured solutions, finite elements, bodies that keep an answer.
+"""Known answers of problems: manufactured solutions, finite elements, transformed bodies.
 
-What has an answer stands here together with the answer: a body that is bent, shaken or refined
-must still give it. Closed forms are in `exact`.
+Bodies with a known answer are defined here together with the answer: a bent, perturbed or refined
+body must still give it. Closed forms are in `exact`.
 """

@@ -1,4 +1,4 @@
-"""Boxes of points, to be bent, shaken or damaged."""
+"""Boxes of points, to be bent, perturbed or damaged."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def jittered(cloud: PointCloud, share: float) -> PointCloud:
 
 
 def graded(cloud: PointCloud) -> PointCloud:
-    """Points drawn towards the planes x, y, z = 0: each coordinate to the cube of its share."""
+    """Points graded towards the planes x, y, z = 0: each relative coordinate is cubed."""
     high = cloud.source.max(axis=0)
     moved = _moved(cloud, high * (cloud.source / high) ** 3, high * (cloud.points / high) ** 3)
     width = _widths(moved.points, high)
@@ -92,7 +92,7 @@ def _grid(size: Sequence[float], n: Sequence[int]) -> tuple[F64, I64]:
 
 
 def _widths(points: F64, size: Sequence[float]) -> F64:
-    """What each point of a lattice stands for along each axis: half the way to its neighbours.
+    """Width of each point of a lattice along each axis, up to half the distance to its neighbours.
 
     Sums over points are then exact for linear functions, so that forces are those of the stress.
     """

@@ -1,4 +1,4 @@
-"""Decks of boxes and annuli of one polynomial material as input of CalculiX.
+"""Decks of boxes and annuli of one polynomial material as input files of CalculiX.
 
 Elements of 20 nodes with 8 integration points (C3D20R), one layer of them in plane problems.
 """
@@ -18,13 +18,13 @@ import numpy as np
 from benchmarks.truths.conditions import AXES, Ended, moved, side_of
 from myork.types import F64
 
-#: Places of the nodes of an element, in halves of its edges
+#: Positions of the nodes of an element, in halves of its edges
 _NODES = np.array(
     [(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0), (0, 0, 2), (2, 0, 2), (2, 2, 2), (0, 2, 2),
      (1, 0, 0), (2, 1, 0), (1, 2, 0), (0, 1, 0), (1, 0, 2), (2, 1, 2), (1, 2, 2), (0, 1, 2),
      (0, 0, 1), (2, 0, 1), (2, 2, 1), (0, 2, 1)]
 )  # fmt: skip
-#: Load steps that are tried
+#: Numbers of load steps to try
 _STEPS = (1, 4, 16)
 _LIMIT = 100.0
 
@@ -97,11 +97,11 @@ class _Mesh:
         return np.flatnonzero(abs(self.share[:, axis] - side) < 1e-9)
 
     def text(self, steps: int) -> str:
-        """Input of the whole load in equal steps at first."""
+        """Input of the whole load, initially in equal steps."""
         table = self.deck["material"][0]
         powers = [float(table.get(key) or 0.0) for key in ("A10", "A01", "A20", "A11", "A02")]
         powers += [float(table.get(key) or 0.0) for key in ("A30", "A21", "A12", "A03")]
-        # its volumetric terms are (J - 1)^2/D1 and two that are to be left out
+        # its volumetric terms are (J - 1)^2/D1 and two others that are left out
         constants = [*powers, 2.0 / float(table["K"]), 1e30, 1e30]
         lines = ["*NODE, NSET=ALL"]
         lines += [f"{k}, {x:.15g}, {y:.15g}, {z:.15g}" for k, (x, y, z) in enumerate(self.place, 1)]
@@ -148,7 +148,7 @@ class _Mesh:
                 continue
             axis, side = AXES.index(entry["set"][0]), int(entry["set"][1])
             face = np.flatnonzero(_NODES[:, axis] == 2 * side)
-            # corners -1/12, middles of edges 1/3 of the element's face
+            # corners -1/12, edge midpoints 1/3 of the element's face
             middle = (_NODES[face] == 1).any(axis=1)
             weight = np.where(middle, 1 / 3, -1 / 12)
             across = [k for k in range(3) if k != axis]
@@ -167,7 +167,7 @@ class _Mesh:
         return lines
 
     def probes(self, text: str) -> dict[str, float]:
-        """Values of the probes at the end of the load; nothing where it was not reached."""
+        """Values of the probes at the end of the load; empty if it was not reached."""
         found: dict[str, dict[int, list[float]]] = {}
         block: dict[int, list[float]] = {}
         for line in text.splitlines():

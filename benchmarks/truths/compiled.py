@@ -1,4 +1,4 @@
-"""What the compiled core computes of parts, for tests and exact solutions."""
+"""Parts of the compiled core, for tests and exact solutions."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from myork.core.deck import table_defaults
 
 
 class ShapeFunctions(NamedTuple):
-    """Shape functions at places in compressed rows."""
+    """Shape functions at places in compressed sparse rows."""
 
     #: Row of place `i` is `offset[i]:offset[i + 1]`, shape `(nplace + 1,)`
     offset: NDArray[np.int64]
@@ -36,7 +36,7 @@ def shape_functions(
     - `source`: source points, shape `(nsource, ndim)` [length]
     - `support`: support sizes, broadcast to the shape of `source`, positive [length]
     - `place`: places, shape `(nplace, ndim)` [length]
-    - `order`: order of the basis, 0 to 6; decks' default where absent, as of kernel and window
+    - `order`: order of the basis, 0 to 6; by default that of decks, like kernel and window
     - `kernel`, `window`: names in decks: `quintic` (5.6), `cubic`; `product`, `radial`
     - raises InputError: a place with a singular moment matrix; the message names it
     """

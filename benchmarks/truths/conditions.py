@@ -1,6 +1,6 @@
 """Sides, prescribed displacements and probes of decks, for finite elements of every kind.
 
-It needs NumPy alone: dolfinx runs in another Python.
+It needs only NumPy: dolfinx runs in another Python.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ AXES = "xyz"
 
 
 def side_of(name: str, ring: bool) -> tuple[int, int]:
-    """Axis of the lattice across a side, and its end: 0 or 1; radius and angle of an annulus."""
+    """Lattice axis normal to a side, and its end: 0 or 1; radius and angle of an annulus."""
     if ring:
         return {"inner": (0, 0), "outer": (0, 1), "y0": (1, 0), "x0": (1, 1)}[name]
     return AXES.index(name[0]), int(name[1])
 
 
 def fiber_of(table: Mapping[str, Any], plane: bool) -> tuple[float, float, float]:
-    """Unit vector of a material's fibers, zeros where it has none."""
+    """Unit vector of a material's fibers, zeros without fibers."""
     if table.get("fiber_angle") is not None:
         angle = np.radians(float(table["fiber_angle"]))
         across, along = float(np.sin(angle)), float(np.cos(angle))
@@ -33,11 +33,11 @@ def fiber_of(table: Mapping[str, Any], plane: bool) -> tuple[float, float, float
 
 
 def moved(entry: Mapping[str, Any], points: Any, load: float = 1.0) -> dict[int, Any]:
-    """Displacements that a set prescribes, by axis: a number or one for each node.
+    """Displacements prescribed by a set, by axis: a number or one for each node.
 
     - `entry`: table `[[boundary]]`
     - `points`: nodes of the set, shape `(n, dim)` [length]
-    - `load`: share of the full load
+    - `load`: fraction of the full load
     """
     shift = {
         axis: load * float(entry[f"u_{name}"])
@@ -64,16 +64,16 @@ def moved(entry: Mapping[str, Any], points: Any, load: float = 1.0) -> dict[int,
 class Ended(NamedTuple):
     """Nodes at the end of a load."""
 
-    places: Any  #: At rest, shape `(n, dim)` [length]
+    places: Any  #: Undeformed positions, shape `(n, dim)` [length]
     moves: Any  #: Displacements, shape `(n, dim)` [length]
     #: Nodes of a set, and their forces, shape `(m, dim)` [force]
     pull: Callable[[str], tuple[Any, Any]]
-    #: Component of the Cauchy stress at a node; None where there is none
+    #: Component of the Cauchy stress at a node; None if undefined
     stress: Callable[[int, str], float] | None
-    near: float  #: By how much nodes may miss the place of a probe [length]
+    near: float  #: Tolerance for nodes at the place of a probe [length]
 
     def probes(self, deck: Mapping[str, Any]) -> dict[str, float]:
-        """Values of the deck's probes, but of those that have none."""
+        """Values of the deck's probes, except those without a value."""
         found = {probe["name"]: self.probe(probe) for probe in deck["probe"]}
         return {name: value for name, value in found.items() if value is not None}
 

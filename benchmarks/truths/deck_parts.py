@@ -1,4 +1,4 @@
-"""Tables of decks in few words, for problems that are written in Python."""
+"""Short functions for tables of decks, for problems that are written in Python."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 
 
 def held(name: str, dimension: int = 3, **values: Any) -> dict[str, Any]:
-    """A set without motion, but for the components given.
+    """A fixed set, except for the components given.
 
     - `name`: boundary set
-    - `dimension`: of space
+    - `dimension`: space dimension
     - `**values`: displacements by key, such as ``u_x`` [length], and other keys of the set
     """
     return {"set": name, **{f"u_{axis}": 0.0 for axis in "xyz"[:dimension]}, **values}
@@ -34,13 +34,13 @@ def deck(
     probes: Sequence[Mapping[str, Any]],
     activation: float = 0.0,
 ) -> dict[str, Any]:
-    """A deck in N and cm that names no form, order, support or load steps.
+    """A deck in N and cm without form, order, support or load steps.
 
-    - `title`: what it is
-    - `geometry`: table `[geometry]`; the length of a box's `size` is the dimension, annuli are
-      plane and models solid
+    - `title`: title of the deck
+    - `geometry`: table `[geometry]`; the dimension is the length of a box's `size`, annuli are
+      plane and models three-dimensional
     - `material`, `boundary`, `probes`: their tables
-    - `activation`: of muscle, at full load [-]
+    - `activation`: activation of muscle, at full load [-]
     """
     dimension = {"annulus": 2, "model": 3}.get(geometry["kind"]) or len(geometry["size"])
     return {

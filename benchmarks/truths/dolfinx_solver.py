@@ -1,11 +1,11 @@
-"""A deck solved by dolfinx 0.5 (Debian's python3-dolfinx), in a process of its own.
+"""A deck solved by dolfinx 0.5 (Debian's python3-dolfinx), in a separate process.
 
-Run by the Python that dolfinx is installed for, which need not be that of MyoRK: a job as JSON on
+Run by the Python for which dolfinx is installed, which need not be that of MyoRK: a job as JSON on
 standard input, a line of JSON for each mesh on standard output. Bodies are meshes of hexahedra or
 quadrilaterals in their exact shape (annuli in polar coordinates); forms are `Q2`, `Q3`
-(displacements alone), `Q2/Q1`, `Q2/P1` and `Q3/P2` (with pressures); tangents are UFL's
-derivatives of the energy, factorised by MUMPS. Import, compilation and what UFL does before it are
-not part of the times.
+(displacements alone), `Q2/Q1`, `Q2/P1` and `Q3/P2` (with pressures); tangents are UFL derivatives
+of the energy, factorised by MUMPS. Import, compilation and the preceding work of UFL are not
+included in the times.
 """
 
 from __future__ import annotations
@@ -28,11 +28,11 @@ sys.path.insert(0, str(Path(__file__).parents[2]))
 
 from benchmarks.truths.conditions import AXES, Ended, fiber_of, moved, side_of
 
-#: Load steps that are tried, and Newton's iterations in each
+#: Numbers of load steps to try, and limit of Newton iterations in each
 _STEPS, _ITERATIONS = (1, 2, 4, 8, 16), 25
 #: Relative residual of a converged load step [-]
 _TOLERANCE = 1e-8
-#: Share of the body's size by which nodes may miss a place
+#: Tolerance for nodes at a place, relative to the body's size
 _NEAR = 1e-9
 
 
@@ -41,11 +41,11 @@ _CORNERS = {2: [0, 2, 1, 3], 3: [0, 4, 2, 6, 1, 5, 3, 7]}
 
 
 class _Diverged(Exception):
-    """A load step without an end."""
+    """A load step that did not converge."""
 
 
 def _energy(table: Mapping[str, Any], f: Any, activation: Any, curves: Any, fiber: Any) -> Any:
-    """Isochoric energy of a material, as `docs/theory/body.md` has it."""
+    """Isochoric energy of a material, as in `docs/theory/body.md`."""
     c, j = f.T * f, ufl.det(f)
     one = j ** (-2 / 3) * ufl.tr(c)
     two = j ** (-4 / 3) * (ufl.tr(c) ** 2 - ufl.tr(c * c)) / 2
@@ -64,7 +64,7 @@ def _energy(table: Mapping[str, Any], f: Any, activation: Any, curves: Any, fibe
 
 
 def _integral(pieces: Sequence[Mapping[str, Any]], stretch: Any) -> Any:
-    """Integral of a force by the stretch; constants of pieces do not count."""
+    """Integral of a force over the stretch; constants of pieces are irrelevant."""
     total = 0.0 * stretch
     for piece in pieces:
         t = stretch - piece["centre"]
@@ -110,14 +110,14 @@ class _Solve:
         self.places = part.tabulate_dof_coordinates()[:, : self.dim]
         if self.dofs_of is None:
             self.dofs_of = np.arange(self.dim * len(self.places))
-        #: Components of each node in the vector of unknowns, shape `(nodes, dim)`
+        #: Indices of each node's components in the vector of unknowns, shape `(nodes, dim)`
         self.number = self.dofs_of.reshape(-1, self.dim)
         self.points = self._point(self.places)
         self._forms(bool(pressure), job["curves"])
         self.bounds = [(self._on(entry["set"]), entry) for entry in deck["boundary"]]
 
     def _point(self, place: Any) -> Any:
-        """Places in the body, of coordinates of the mesh."""
+        """Positions in the body for coordinates of the mesh."""
         if not self.ring:
             return place
         return np.stack([place[:, 0] * np.cos(place[:, 1]), place[:, 0] * np.sin(place[:, 1])], 1)
@@ -198,7 +198,7 @@ class _Solve:
         return made
 
     def _prescribed(self, load: float) -> tuple[Any, Any]:
-        """Numbers and values of the unknowns that are prescribed."""
+        """Numbers and values of the prescribed unknowns."""
         numbers, values = [], []
         for on, entry in self.bounds:
             for axis, value in moved(entry, self.points[on], load).items():
@@ -208,7 +208,7 @@ class _Solve:
         return number.astype(np.int32), np.concatenate(values)[first]
 
     def solve(self, steps: int) -> int:
-        """Newton's iterations over equal load steps; how many."""
+        """Newton's method over equal load steps; returns the number of iterations."""
         x = self.state.vector
         x.set(0.0)
         change = x.duplicate()
@@ -232,7 +232,7 @@ class _Solve:
                 self.matrix.zeroEntries()
                 petsc.assemble_matrix(self.matrix, self.tangent)
                 self.matrix.assemble()
-                # held unknowns move by their gap, which the rows of the others feel
+                # prescribed unknowns move by their gap, which enters the rows of the others
                 change.array[numbers] = gap
                 self.matrix.zeroRowsColumns(numbers, 1.0, change, self.vector)
                 self.solver.solve(self.vector, change)
@@ -260,7 +260,7 @@ class _Solve:
         return Ended(self.points, ends, pull, self._stress, near).probes(self.deck)
 
     def _stress(self, node: int, component: str) -> float:
-        """Cauchy stress at a node: mean of the elements beside it."""
+        """Cauchy stress at a node: mean over the adjacent elements."""
         unit = np.eye(3)
         ends = (0, 0) if component == "rr" else tuple(AXES.index(c) for c in component)
         if component == "rr":
@@ -285,7 +285,7 @@ class _Solve:
 
 
 def _peak() -> int:
-    """Largest memory of this process [byte]; `getrusage` counts that of the one that forked it."""
+    """Peak memory of this process [byte]; `getrusage` includes that of the forking process."""
     lines = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
     return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM"))
 
@@ -293,7 +293,7 @@ def _peak() -> int:
 def _record(
     job: Mapping[str, Any], elements: Sequence[int], steps: Sequence[int]
 ) -> dict[str, Any]:
-    """One mesh: the fewest load steps that end, whose time alone counts."""
+    """One mesh: the fewest load steps that converge; only their time counts."""
     begin = time.process_time()
     body = _Solve(job, elements)
     setup = time.process_time() - begin - body.apart
@@ -317,7 +317,7 @@ def _record(
 
 
 def main() -> None:
-    """Solve the meshes of a job, the first one once before for what is compiled."""
+    """Solve the meshes of a job, the first one twice to compile beforehand."""
     job = json.load(sys.stdin)
     steps = list(_STEPS)
     for number, elements in enumerate([job["elements"][0], *job["elements"]]):

@@ -1,10 +1,10 @@
 """Exact solutions for any bulk modulus, up to infinity.
 
-They are independent of the compiled core but for `along_fibers`, which takes the material law from
-it: that checks the discretisation, not the law.
+They are independent of the compiled core except for `along_fibers`, which takes the material law
+from it: that checks the discretisation, not the law.
 
-All problems have principal stretches that do not turn, so that an energy in the stretches is all
-that is needed. The pressure `p = K (J - 1)` is an unknown of its own: nothing is lost to rounding
+In all problems the principal directions are fixed, so that an energy in the stretches is
+sufficient. The pressure `p = K (J - 1)` is a separate unknown: nothing is lost to rounding
 where K is large, and K = infinity needs no second formula. Equation numbers are those of Basava
 (2015).
 """
@@ -20,7 +20,7 @@ from myork.core.material import Material, stress
 from myork.errors import ConvergenceError
 from myork.types import F64
 
-# solve_bvp takes no stricter tolerance without a warning of its own
+# solve_bvp gives a warning for stricter tolerances
 _TOLERANCE = 1e-9
 
 
@@ -32,7 +32,7 @@ class Polynomial(NamedTuple):
 
     @classmethod
     def from_deck(cls, material: Mapping[str, Any], bulk: float | None = None) -> "Polynomial":
-        """Material of a `[[material]]` table, with a bulk modulus of its own where given."""
+        """Material of a `[[material]]` table, optionally with another bulk modulus."""
         terms = {
             (i, j): float(material.get(f"A{i}{j}", 0.0))
             for i in range(4)
@@ -79,14 +79,14 @@ class Tube(NamedTuple):
 def tube(
     material: Polynomial, inner: float, outer: float, radial: float, place: Any = None
 ) -> Tube:
-    """Tube whose inner surface moves outwards (5.124), outer surface free.
+    """Tube whose inner surface moves outwards (5.124), with a free outer surface.
 
     The equation `d(P_rr)/dR + (P_rr - P_tt)/R = 0` is solved for the radius and `P_rr`; the
     pressure follows from these two at each place.
 
     - `inner`, `outer`: undeformed radii [length]
     - `radial`: displacement of the inner surface [length]
-    - `place`: undeformed radii at which the solution is wanted; default the inner surface
+    - `place`: undeformed radii at which the solution is evaluated; default the inner surface
     - raises ConvergenceError: the boundary value problem was not solved
     """
     compliance = 1.0 / material.bulk
@@ -118,7 +118,7 @@ def tube(
         return np.array([ya[0] - inner - radial, yb[1]])
 
     mesh = np.linspace(inner, outer, 41)
-    # radius of the incompressible tube, stress from it: a start from which one call converges
+    # starting from the incompressible tube, one call converges
     guess = np.vstack([np.sqrt(mesh**2 + (inner + radial) ** 2 - inner**2), np.zeros_like(mesh)])
     answer = solve_bvp(slope, ends, mesh, guess, tol=_TOLERANCE, max_nodes=20000)
     if answer.status != 0:
@@ -166,7 +166,7 @@ def simple_shear(material: Polynomial, amount: float) -> float:
 def homogeneous(material: Polynomial, held: Sequence[float]) -> tuple[F64, F64]:
     """Principal stretches and Cauchy stresses, shape `(3,)` each [-], [stress].
 
-    - `held`: stretches of the first axes; the others are free of stress
+    - `held`: stretches of the first axes; the others are stress-free
     """
     compliance = 1.0 / material.bulk
     free_axes = 3 - len(held)
@@ -195,7 +195,7 @@ def homogeneous(material: Polynomial, held: Sequence[float]) -> tuple[F64, F64]:
 
 
 def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) -> float:
-    """Cauchy stress along the fibers of a muscle whose sides are free of stress.
+    """Cauchy stress along the fibers of a muscle with stress-free sides.
 
     - `table`: table `[[material]]` of a deck, with a finite bulk modulus
     - `stretch`: stretch of the fibers [-]

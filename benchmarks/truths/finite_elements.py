@@ -1,9 +1,9 @@
-"""Decks of boxes and annuli solved by felupe: another discretisation and code to compare with.
+"""Decks of boxes and annuli solved by felupe: an independent discretisation and code.
 
 felupe (https://pypi.org/project/felupe) is an optional dependency: `pip install myork[bench]`.
 Displacements are quadratic in each direction, pressure and volume ratio linear and continuous
-(the Taylor-Hood pair), but for a jump where two materials meet. The materials are MyoRK's own, so
-that no difference of laws or force curves enters.
+(the Taylor-Hood pair), except for a jump where two materials meet. The materials are MyoRK's own,
+so that differences of laws or force curves are excluded.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from myork.core.material import Material, strong
 from myork.errors import ConvergenceError, InputError, InstallationError
 from myork.types import F64, Mask
 
-#: Label of the material at a place, shape `(dim,)`; zero where there is none
+#: Label of the material at a place, shape `(dim,)`; zero outside the body
 Labels = Callable[[F64], int]
-#: Nodes of a box, shape `(n, dim)`, to those of the body
+#: Maps nodes of a box, shape `(n, dim)`, to those of the body
 Warp = Callable[[F64], F64]
 
-#: Halvings of a load step that does not converge, and relative residual of one that does [-]
+#: Halvings of a load step that does not converge, and relative residual of convergence [-]
 _HALVINGS, _TOLERANCE = 8, 1e-8
-#: Share of an edge by which nodes may miss the surface they lie on
+#: Tolerance for nodes on the surface, relative to an edge
 _ON_FACE = 1e-9
-#: What a load step that is too large may end with
+#: Exceptions of a load step that is too large
 _FAILURES = (ValueError, RuntimeError, ArithmeticError, np.linalg.LinAlgError)
 
 
@@ -49,14 +49,14 @@ def solve_deck(
       an annulus whose probes lie on corners of elements
     - `elements`: elements along each edge of a box, radial and angular of an annulus, shape
       `(dim,)`
-    - `labels`: which material lies where; the deck's first one everywhere otherwise. Elements must
-      not straddle materials; those with label zero are left out.
-    - `warp`: moves the nodes of a box to their places in a body of another shape; probes lie there
+    - `labels`: material at each place; by default the deck's first one everywhere. Elements must
+      not contain several materials; those with label zero are left out.
+    - `warp`: moves the nodes of a box to their positions in another shape; probes lie there
     - `symmetric`: order the unknowns for symmetric matrices, whose factors in space are several
       times smaller than those of felupe's own solver
-    - returns `probes` (by name their values at the full load), `dofs` and `cpu_s`
+    - returns `probes` (values at the full load by name), `dofs` and `cpu_s`
     - raises InputError: the deck has something that is not supported here
-    - raises ConvergenceError: a load step failed although it was halved
+    - raises ConvergenceError: a load step failed even when halved
     - raises InstallationError: felupe is missing
     """
     started = time.process_time()
@@ -72,7 +72,7 @@ def solve_deck(
 
 
 def _solve_symmetric(matrix: Any, side: F64) -> F64:
-    """Solve by a factor without pivoting, and once more for what that leaves."""
+    """Solve by a factorisation without pivoting, with one step of iterative refinement."""
     matrix = matrix.tocsc()
     options = {"SymmetricMode": True}
     factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
@@ -81,7 +81,7 @@ def _solve_symmetric(matrix: Any, side: F64) -> F64:
 
 
 def _felupe() -> Any:
-    """The package, imported when a solution is wanted."""
+    """The package, imported on first use."""
     try:
         import felupe
     except ImportError as error:
@@ -126,12 +126,12 @@ class _Body:
         bulk = np.array([float(table["K"]) for table in deck["material"]])[material]
         bulk = np.broadcast_to(bulk, (region.quadrature.npoints, len(bulk)))
         material_law = self.fem.NearlyIncompressible(self.law, bulk)
-        # laws that differ from element to element see all elements at once
+        # laws that differ from element to element need all elements at once
         material_law.chunksize = self.law.chunksize = None
         self.solid = self.fem.SolidBody(material_law, self.field)
         self.items = [self.solid]
         self.bounds: dict[str, Any] = {}
-        #: Conditions that change with the load, and their values at one
+        #: Conditions that change with the load, and their values at full load
         self.pulls: list[tuple[Any, Callable[[float], Any]]] = []
         for entry in deck["boundary"]:
             self._hold(entry)
@@ -139,7 +139,7 @@ class _Body:
     def _mesh(
         self, elements: Sequence[int], deck: Mapping[str, Any], labels: Labels | None
     ) -> tuple[Any, NDArray[np.intp]]:
-        """Quadratic elements and the number of each one's material in the deck."""
+        """Quadratic elements and the index of each one's material in the deck."""
         count = tuple(n + 1 for n in elements)
         kind = self.geometry["kind"]
         if kind == "annulus":
@@ -162,7 +162,7 @@ class _Body:
         mesh = mesh.add_midpoints_edges().add_midpoints_faces()
         if self.dim == 3:
             mesh = mesh.add_midpoints_volumes()
-        #: Places of the nodes in the lattice: radius and angle on an annulus
+        #: Lattice coordinates of the nodes: radius and angle for an annulus
         self.place = mesh.points.copy()
         if kind == "annulus":
             radius, angle = self.place.T
@@ -170,7 +170,7 @@ class _Body:
         return mesh, material
 
     def _dual(self, material: NDArray[np.intp]) -> Any:
-        """Mesh of the pressures: corners of the elements, once for each material that they have."""
+        """Mesh of the pressures: corners of the elements, one for each material at them."""
         cells = self.mesh.cells[:, : 2**self.dim]
         keys = cells * (material.max() + 1) + material[:, None]
         found, number = np.unique(keys, return_inverse=True)
@@ -202,7 +202,7 @@ class _Body:
             self.pulls.append((load, lambda load: load * force))
 
     def _areas(self, name: str, mask: Mask) -> F64:
-        """Area of each node of a box's face, warped or not: what it weighs in integrals over it."""
+        """Area of each node of a box's face, warped or not: its weight in integrals over it."""
         if self.geometry["kind"] != "box":
             raise InputError("finite elements take tractions on boxes only")
         across = [axis for axis in range(self.dim) if axis != AXES.index(name[0])]
@@ -226,7 +226,7 @@ class _Body:
         return area
 
     def advance(self) -> None:
-        """Iterate to the full load; a step that fails is halved."""
+        """Iterate to the full load; a failed step is halved."""
         step, reached = 1.0, 0.0
         while reached < 1.0 - 1e-12:
             at = min(1.0, reached + step)
@@ -244,7 +244,7 @@ class _Body:
                     ) from None
 
     def _solve(self, load: float) -> None:
-        """Iterate to equilibrium at a load."""
+        """Iterate to equilibrium at a given load."""
         for bound, value in self.pulls:
             if isinstance(bound, self.fem.PointLoad):
                 bound.update(value(load))
@@ -265,7 +265,7 @@ class _Body:
             )
 
     def _pull(self, name: str) -> tuple[Mask, F64]:
-        """Nodes of a set, and the forces there that the stress balances."""
+        """Nodes of a set, and the nodal forces that balance the stress."""
         vector = self.solid.assemble.vector(self.field).toarray().ravel()
         on = self.on(name)
         return on, vector[: self.points.size].reshape(self.points.shape)[on]
@@ -291,10 +291,10 @@ class _Body:
         return float(stress[AXES.index(component[0]), AXES.index(component[1])])
 
     def _stress(self, node: int) -> F64:
-        """Cauchy stress at a corner: mean of its elements.
+        """Cauchy stress at a corner: mean over its elements.
 
-        The slopes are extended from the Gauss points of second order, where those of quadratic
-        elements are best.
+        The gradients are extrapolated from the Gauss points of second order, where those of
+        quadratic elements are most accurate.
         """
         u = self.field[0].values
         stress = []
@@ -320,7 +320,7 @@ class _Body:
 
 
 def _component(held: Callable[[float], dict[int, Any]], axis: int, load: float) -> Any:
-    """What is prescribed along an axis at a load."""
+    """Prescribed value along an axis at a load."""
     return held(load)[axis]
 
 
@@ -334,7 +334,7 @@ class _Law:
         self.fibers = [fiber_of(table, plane) for table in tables]
         self.material = material
         self.activations = [0.0] * len(tables)
-        #: Places evaluated at once: all, for labels tell elements apart by their place
+        #: Places evaluated at once: all, because labels identify elements by their place
         self.chunksize: int | None = None
         # felupe reads the shapes of the arguments and of the state variables from here
         self.x = [np.zeros((3, 3)), np.zeros(0)]

@@ -1,9 +1,9 @@
 """Manufactured solutions: displacement and stress in both formulations.
 
-A large deformation is chosen; the body force that it needs, `b = -Div P`, and the boundary values
-are computed from it and prescribed. The material is active anisotropic muscle; in one case its
-bulk modulus varies by a factor of five along X, as the program mixes two materials: the body
-force has the part that the gradient of the modulus makes.
+A large deformation is chosen; the required body force, `b = -Div P`, and the boundary values
+are computed from it and prescribed. The material is active anisotropic muscle. In one case its
+bulk modulus varies by a factor of five along X, as the program mixes two materials; the body
+force then includes the gradient of the modulus.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from myork.errors import MyorkError
 from myork.types import F64
 
 _ACTIVATION = 0.3
-# Convex, unlike table 4.1 with its negative A01: the exact solution must be the only one
+# Convex, unlike table 4.1 with its negative A01: the exact solution must be unique
 _MUSCLE = {"A10": 6.43, "A01": 1.0, "A20": 0.94}
-# Reach of the two materials into each other; the same at all sizes, so that K(X) is [cm]
+# Width of the transition between the materials; equal at all sizes, so that K(X) is [cm]
 _INTERFACE = 1.0
 _FIBER = {2: (0.6, 0.8, 0.0), 3: (0.48, 0.6, 0.64)}
 
@@ -32,7 +32,7 @@ _FIBER = {2: (0.6, 0.8, 0.0), 3: (0.48, 0.6, 0.64)}
 class Problem(NamedTuple):
     """A manufactured problem on a unit square or cube."""
 
-    name: str  #: What it is
+    name: str  #: Description
     dimension: int  #: 2 (plane strain) or 3
     bulk: tuple[float, float]  #: Bulk modulus far left and far right of X = 1/2 [stress]
     #: Basis and support over spacing
@@ -61,9 +61,9 @@ class _Exact(NamedTuple):
 def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) -> dict[str, Any]:
     """Solve one problem.
 
-    - `problem`: what is solved
-    - `method`: form. All but `rkcm` and `rkcm-mixed` begin beside the solution: under dead loads as
-      large the body has other states in equilibrium, and the Galerkin forms need all of it held.
+    - `problem`: the problem
+    - `method`: form. All but `rkcm` and `rkcm-mixed` begin near the solution: under such large dead
+      loads the body has other equilibria, and the Galerkin forms need its whole surface prescribed.
     - `n`: source points along each edge; there are twice as many collocation points
     - `overrides`: `"table.key=value"` each
     - returns `outcome`, `h`, and of a solve that converged `u_error` and `stress_error` (relative,
@@ -91,10 +91,10 @@ def solve(problem: Problem, method: str, n: int, overrides: Sequence[str] = ()) 
 
 
 def _deformation(problem: Problem) -> Callable[[Any], Any]:
-    """Deformed places of undeformed ones, shape `(n, 3)`; works with complex numbers.
+    """Deformed positions of undeformed ones, shape `(n, 3)`; works with complex numbers.
 
-    A stretch along X with volume ratio `1 + 1.2 (X - 1/2)^2`, then shears along y and x, in space
-    along z and y as well, which keep the volume.
+    A stretch along X with volume ratio `1 + 1.2 (X - 1/2)^2`, then volume-preserving shears along y
+    and x, in space also along z and y.
     """
 
     def deform(x: NDArray[Any]) -> NDArray[Any]:
@@ -112,7 +112,7 @@ def _deformation(problem: Problem) -> Callable[[Any], Any]:
 
 
 def deformation_gradient(deform: Callable[[Any], Any], x: F64) -> F64:
-    """Deformation gradient by complex steps, exact to rounding, shape `(n, 3, 3)`."""
+    """Deformation gradient by complex steps, exact up to rounding, shape `(n, 3, 3)`."""
     f = np.empty((len(x), 3, 3))
     for a in range(3):
         moved = x.astype(complex)
@@ -126,8 +126,8 @@ def _right_share(points: F64, n: int) -> tuple[F64, F64]:
 
     A source point has the material of its collocation point and of half of those beside it, a point
     on the border half of each. The fractions are the sums of its neighbours' functions of order 0,
-    which are products over the directions: on a lattice what does not vary along y and z is a sum
-    along x alone.
+    which are products over the directions: on a lattice, a fraction that is constant along y and z
+    is a sum along x alone.
     """
     source = np.linspace(0.0, 1.0, n)[:, None]
     functions = shape_functions(source, _INTERFACE, np.ascontiguousarray(points[:, :1]), order=0)
@@ -162,7 +162,7 @@ def _exact(points: F64, problem: Problem, n: int) -> _Exact:
         return np.linalg.det(f)[:, None, None] * np.swapaxes(np.linalg.inv(f), 1, 2)
 
     def stress(at: F64) -> F64:
-        """Stress near the points, with their moduli."""
+        """Stress at positions near the points, with the moduli of the points."""
         f = deformation_gradient(deform, at)
         p = core_material.stress(
             law, f, fiber=_FIBER[problem.dimension], activation=_ACTIVATION, volumetric=False
@@ -185,7 +185,7 @@ def _exact(points: F64, problem: Problem, n: int) -> _Exact:
 def _tables(problem: Problem, method: str, n: int) -> dict[str, Any]:
     """Deck of a unit square or cube, with two materials if the bulk modulus varies."""
     nd = problem.dimension
-    # the chosen solution is smooth, so that rows near the edges count in full
+    # the chosen solution is smooth, so that rows near the edges have full weight
     tables: dict[str, Any] = {
         "title": "Manufactured solution",
         "scene": {"dimension": nd, "method": method},
@@ -215,7 +215,7 @@ def _tables(problem: Problem, method: str, n: int) -> dict[str, Any]:
 
 
 def _beside(dofs: int, problem: Problem, n: int) -> F64:
-    """Chosen displacement at the points of the lattice, and no pressures."""
+    """Chosen displacement at the points of the lattice, with zero pressures."""
     nd = problem.dimension
     axis = np.linspace(0.0, 1.0, n)
     source = np.zeros((n**nd, 3))

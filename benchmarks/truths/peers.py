@@ -1,6 +1,6 @@
-"""Compiled finite elements beside MyoRK: dolfinx 0.5 and CalculiX 2.20, as processes of their own.
+"""Compiled finite elements for comparison: dolfinx 0.5 and CalculiX 2.20, as separate processes.
 
-Debian's packages `python3-dolfinx` and `calculix-ccx`. What is not installed is a row that says so.
+Debian's packages `python3-dolfinx` and `calculix-ccx`. A missing program gives a row that says so.
 Both take boxes and annuli of one material.
 """
 
@@ -21,21 +21,21 @@ from benchmarks.truths.calculix import solve_calculix
 
 #: Python of the system, for which Debian installs dolfinx
 DOLFINX = "/usr/bin/python3"
-#: Forms of dolfinx that race
+#: Forms of dolfinx in the race
 _FORMS = ("Q2", "Q3", "Q2/Q1", "Q2/P1", "Q3/P2")
-#: Longest time of a form on all its meshes [s]
+#: Limit of the time of a form on all its meshes [s]
 _LIMIT = 150.0
 
 
 def compiled_peers(
     deck: Mapping[str, Any], elements: Sequence[Sequence[int]]
 ) -> list[dict[str, Any]]:
-    """Solve a deck on its meshes by every compiled peer.
+    """Solve a deck on its meshes with every compiled peer.
 
     - `deck`: all tables of the deck; a box or an annulus of one material
-    - `elements`: elements along each edge, rising
-    - returns `form`, and of each mesh `elements`, `dofs`, `cpu_s` [s], `memory` [byte], `probes`;
-      an `outcome` where there is none
+    - `elements`: elements along each edge, ascending
+    - returns `form`, and for each mesh `elements`, `dofs`, `cpu_s` [s], `memory` [byte], `probes`,
+      or an `outcome` without an answer
     """
     rows = []
     for form in _FORMS:
@@ -55,7 +55,7 @@ def compiled_peers(
 def solve_dolfinx(
     deck: Mapping[str, Any], elements: Sequence[Sequence[int]], form: str, limit: float = _LIMIT
 ) -> list[dict[str, Any]]:
-    """Rows of one form of dolfinx, as far as they came within the limit [s]."""
+    """Rows of one form of dolfinx, as far as it came within the time limit [s]."""
     table = deck["material"][0]
     job = {
         "deck": deck,
@@ -109,7 +109,7 @@ def fiber_pieces(table: Mapping[str, Any]) -> list[list[dict[str, Any]]]:
 def _blended(
     branches: Sequence[dict[str, Any]], breaks: Sequence[tuple[float, float, float]], smooth: bool
 ) -> list[dict[str, Any]]:
-    """Branches with polynomials of degree 7 across their breaks."""
+    """Branches joined by polynomials of degree 7 across their breaks."""
     pieces = [{"start": -1e9, **branches[0]}]
     for (at, below, above), before, after in zip(breaks, branches, branches[1:], strict=False):
         first, last = (at - below, at + above) if smooth else (at, at)

@@ -1,4 +1,4 @@
-"""Files as scanners and converters write them: slices of DICOM series, tables of gradients."""
+"""Files in the formats of scanners and converters: slices of DICOM series, gradient tables."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from myork.imaging.geometry import Grid
 from myork.imaging.gradients import GradientTable, fsl_axes
 from myork.types import F64
 
-#: Writes a b value [s/mm^2] and a direction in the world into a slice
+#: Writes a b value [s/mm^2] and a direction in the world frame into a slice
 Writer = Callable[[FileDataset, float, F64], None]
-#: Directions of axes in DICOM's world and in this one
+#: Directions of the axes in DICOM's world and in that of this package
 _TURN = np.array([-1.0, -1.0, 1.0])
 
 
 def slice_file(uid: str, rows: int, columns: int) -> FileDataset:
-    """A slice of a series without a place, pixels or what a scanner adds."""
+    """A slice of a series without position, pixels and scanner-specific elements."""
     meta = FileMetaDataset()
     meta.MediaStorageSOPClassUID = pydicom.uid.MRImageStorage
     meta.MediaStorageSOPInstanceUID = generate_uid()
@@ -76,13 +76,13 @@ def philips(data: FileDataset, b: float, g: F64) -> None:
 
 
 def standard(data: FileDataset, b: float, g: F64) -> None:
-    """Elements that all makers may use."""
+    """Standard elements, which all manufacturers may use."""
     data.DiffusionBValue = b
     data.DiffusionGradientOrientation = list(g * _TURN)
 
 
 def ge(data: FileDataset, b: float, g: F64) -> None:
-    """Columns are encoded by phase; components are along rows, columns and slices."""
+    """Columns are phase-encoded; components are along rows, columns and slices."""
     data.InPlanePhaseEncodingDirection = "COL"
     data.private_block(0x0043, "GEMS_PARM_01", create=True).add_new(0x39, "IS", [int(b), 0, 0, 0])
     block = data.private_block(0x0019, "GEMS_ACQU_01", create=True)
@@ -92,7 +92,7 @@ def ge(data: FileDataset, b: float, g: F64) -> None:
         block.add_new(element, "DS", f"{value:.6f}")
 
 
-#: Makers, and where they write b values and directions
+#: Manufacturers, and where they write b values and directions
 MAKERS: dict[str, tuple[str, Writer]] = {
     "Siemens": ("SIEMENS", siemens),
     "Philips": ("Philips Medical Systems", philips),
@@ -113,16 +113,16 @@ def stack(
     weighting: GradientTable | None = None,
     **elements: Any,
 ) -> None:
-    """Write a series: slices, of a diffusion series one volume after another.
+    """Write a series: slices; for a diffusion series one volume after another.
 
     - `values`: shape `(nrow, ncolumn, nslice, nvolume)`, or without the last axis
     - `axes`: directions of rows, columns and slices in DICOM's world, as columns, shape `(3, 3)`
     - `maker`: one of `MAKERS`
     - `spacing`: distance of rows, columns and slices, shape `(3,)` [mm]
-    - `first`: place of the first pixel in DICOM's world, shape `(3,)` [mm]
-    - `number`: of the series
-    - `weighting`: b values and directions of the volumes, in this world
-    - `elements`: others, by their keywords
+    - `first`: position of the first pixel in DICOM's world, shape `(3,)` [mm]
+    - `number`: number of the series
+    - `weighting`: b values and directions of the volumes, in the world of this package
+    - `elements`: other elements, by their keywords
     """
     folder.mkdir(exist_ok=True, parents=True)
     name, write = MAKERS[maker]
@@ -150,7 +150,7 @@ def weighted(still: F64, tensor: F64, table: GradientTable) -> F64:
 
 
 def gradient_table(directions: int, b: float = 500.0) -> GradientTable:
-    """Directions spread evenly behind an image without gradient."""
+    """An image without gradient followed by evenly spread directions."""
     vectors = np.vstack([np.zeros(3), even_directions(directions)])
     return GradientTable(np.array([0.0, *[b] * directions]), vectors)
 
@@ -158,10 +158,10 @@ def gradient_table(directions: int, b: float = 500.0) -> GradientTable:
 def reordered(
     image: Grid, axes: Sequence[int] = (2, 0, 1), flipped: Sequence[int] = (0, 2)
 ) -> Grid:
-    """The same world, voxels in another order.
+    """The same image in the world, with voxels in another order.
 
-    - `axes`: axis of the image that becomes the first, the second and the third
-    - `flipped`: axes of the image that run the other way
+    - `axes`: axes of the image that become the first, the second and the third
+    - `flipped`: axes of the image whose direction is reversed
     """
     data: Any = image.data
     affine = image.affine.copy()

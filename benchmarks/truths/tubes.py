@@ -1,4 +1,4 @@
-"""Tubes whose inner wall is moved: stresses on both walls at any angle, and their truth."""
+"""Tubes with prescribed motion of the inner wall: stresses on both walls at any angle; truth."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from benchmarks.truths import exact
 from benchmarks.truths.deck_parts import deck
 from myork.bench.materials import RUBBER
 
-#: Where walls are probed: on the planes of symmetry and between them [rad]
+#: Angles of wall probes: on the planes of symmetry and between them [rad]
 _ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
 
 
 def tube_deck(inner: float, outer: float, moved: float, bulk: float) -> dict[str, Any]:
-    """Quarter of a tube of rubber; no form, order or number of points is named.
+    """Quarter of a rubber tube; no form, order or number of points is given.
 
     - `inner`, `outer`: radii [length]
     - `moved`: radial displacement of the inner wall [length]

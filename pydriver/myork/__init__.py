@@ -1,14 +1,14 @@
 """MyoRK: meshfree image-based muscle mechanics.
 
-The way of the data: image -> labels -> points -> scene -> solution -> reduced model -> report.
-The names below are loaded when they are first used, so that ``import myork`` costs nothing.
+Data flow: image -> labels -> points -> scene -> solution -> reduced model -> report.
+The names below are loaded on first use, so that ``import myork`` costs nothing.
 """
 
 import importlib
 import os
 from typing import Any
 
-# libgomp reads these once, when the core is loaded: waiting threads that soon sleep instead of
+# libgomp reads these once, when the core is loaded. Waiting threads that soon sleep instead of
 # spinning keep threaded BLAS usable on a machine shared with others.
 if "OMP_WAIT_POLICY" not in os.environ:
     os.environ["OMP_WAIT_POLICY"] = "passive"

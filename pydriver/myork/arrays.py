@@ -1,4 +1,4 @@
-"""Arrays by a table that says what each must be; it holds for what is written and what is read."""
+"""Arrays checked against a table of rules, both when they are written and when they are read."""
 
 from collections.abc import Mapping
 from itertools import accumulate
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from myork.errors import InputError
 
-#: What h5py raises on damaged files, and json on damaged texts
+#: Exceptions that h5py raises on damaged files, and json on damaged texts
 UNREADABLE = (
     OSError, LookupError, ArithmeticError, ValueError, TypeError, RuntimeError, AttributeError,
     MemoryError,
@@ -20,14 +20,14 @@ _LEAST, _MOST = np.iinfo(np.int32).min, np.iinfo(np.int32).max
 
 
 class Rule(NamedTuple):
-    """What an array must be."""
+    """What an array must be: kind of numbers, type, shape and range."""
 
-    kinds: str  #: Kinds of numbers that it may have, as in `numpy.dtype.kind`
-    dtype: type  #: Type that it is given
-    #: Numbers, or names of sizes, as `"points"`: one that is not known is that of the first array
-    #: that has it, and at least one
+    kinds: str  #: Kinds of numbers allowed, as in `numpy.dtype.kind`
+    dtype: type  #: Type to which it is converted
+    #: Numbers, or names of sizes such as `"points"`. An unknown size is set by the first array that
+    #: has it, and is at least one.
     shape: tuple[int | str, ...]
-    #: Range of its numbers; a size: that of an index from zero into as many
+    #: Range of its numbers; with the name of a size as `most`, they are indices from zero below it
     least: float = -np.inf
     most: float | str = np.inf
 
@@ -43,12 +43,12 @@ def whole(*shape: int | str, least: float = _LEAST, most: float = _MOST) -> Rule
 
 
 def index(*shape: int | str, of: str) -> Rule:
-    """Indices from zero into as many as a size says."""
+    """Indices from zero, smaller than a named size."""
     return Rule("iu", np.int32, shape, 0, of)
 
 
 def attribute(file: h5py.File, name: str) -> str:
-    """Text that a file has as an attribute."""
+    """Text attribute of a file."""
     found = file.attrs.get(name)
     if not isinstance(found, bytes | str):
         raise InputError(f"the attribute '{name}' is missing or not a text")
@@ -56,15 +56,15 @@ def attribute(file: h5py.File, name: str) -> str:
 
 
 def holds(file: h5py.Group, name: str) -> bool:
-    """Whether a file has something by this name."""
+    """Whether a file contains something by this name."""
     return bool(file.id.links.exists(name.encode()))
 
 
 def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
-    """Dataset of a file, whose numbers have not been read yet.
+    """Dataset of a file; its numbers are not read yet.
 
-    - raises InputError: there is none; it is not an array of numbers, they are in another file, or
-      its shape declares more of them than this one holds
+    - raises InputError: it is missing or not an array of numbers, its numbers are in another file,
+      or its shape declares more numbers than this file can contain
     """
     for part in accumulate(name.split("/"), "{}/{}".format):
         if not holds(file, part):
@@ -81,7 +81,7 @@ def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
         raise InputError(f"'{name}' is not an array of numbers")
     if found.is_virtual or found.external:
         raise InputError(f"'{name}' has its numbers in another file")
-    # Deflate shrinks by a factor of 1032 at the most; a damaged header may declare any shape
+    # Deflate shrinks by a factor of 1032 at most; a damaged header may declare any shape
     if found.nbytes > 1100 * found.id.get_storage_size():
         raise InputError(f"the shape of '{name}' declares far more numbers than the file contains")
     return found
@@ -90,12 +90,12 @@ def dataset(file: h5py.Group, name: str) -> h5py.Dataset:
 def fitted(
     table: Mapping[str, Rule], found: Mapping[str, Any], sizes: Mapping[str, int]
 ) -> dict[str, NDArray[Any]]:
-    """Arrays as their table wants them.
+    """Arrays checked and converted by their table of rules.
 
     - `table`: rules by name
     - `found`: arrays by name, or datasets of a file, which are read when all shapes are right
-    - `sizes`: sizes that are known
-    - raises InputError: an array is missing or wrong: which, and what is wrong
+    - `sizes`: known sizes
+    - raises InputError: an array is missing or wrong; the message names it and the fault
     """
     known = dict(sizes)
     for name, rule in table.items():
@@ -106,7 +106,7 @@ def fitted(
 
 
 def _check_shape(name: str, found: Any, rule: Rule, known: dict[str, int]) -> None:
-    """Refuse another shape or kind of numbers, and note sizes that were not known."""
+    """Refuse a wrong shape or kind of numbers, and record sizes that were not known."""
     if found.dtype.kind not in rule.kinds:
         words = {"iuf": "numbers", "iu": "whole numbers"}[rule.kinds]
         raise InputError(f"'{name}' must contain {words}, not {found.dtype.name}")

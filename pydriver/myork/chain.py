@@ -14,9 +14,9 @@ from myork.summary import asked
 def segment_and_draw(
     deck: str | Path, out: str | Path, *, progress: ProgressCallback = silent, **settings: Any
 ) -> dict[str, Any]:
-    """Run `segment` and draw its labels upon the image.
+    """Run `segment` and draw its labels over the image.
 
-    Parameters and what is returned are those of `myork.segment`.
+    Parameters and return value are those of `myork.segment`.
     """
     from myork.report.image_figures import draw_labels
     from myork.stations.segment import segment
@@ -36,12 +36,12 @@ def run_chain(
     verbosity: int = 0,
     error: bool = True,
 ) -> Path:
-    """Run whatever a deck asks for, from its images to a report.
+    """Run everything that a deck asks for, from its images to a report.
 
     - `overrides`: `"table.key=value"` each
-    - `verbosity`, `error`: of the solution, as of `run_deck`
+    - `verbosity`, `error`: for the solution, as in `run_deck`
     - returns the report
-    - raises RefusedError, ConvergenceError: as `run_deck`, when the report of what there is is
+    - raises RefusedError, ConvergenceError: as `run_deck`, after a report of what exists is
       written
     """
     from myork.report import make_report
@@ -59,7 +59,7 @@ def run_chain(
         progress(f"station {number}/{len(names) + 1}  {name}")
         more = {"verbosity": verbosity, "error": error} if name == "solve" else {}
         try:
-            # a solve writes itself why it ended
+            # a solve itself records why it stopped
             with nullcontext() if name == "solve" else asked(Path(out)):
                 station[name](
                     deck, out, overrides=overrides, threads=threads, progress=progress, **more

@@ -31,7 +31,7 @@ refused; 2 bad input; 3 part of the installation is missing or broken"""
 
 _KINDS = "box, annulus, muscle, labels, images, leg or reduced"
 
-#: OpenBLAS does not end where its buffers are refused; `myork-solve` has the same limit
+#: OpenBLAS does not stop where its buffers are refused; `myork-solve` has the same limit
 _LEAST_BYTES = 800_000_000
 
 
@@ -43,7 +43,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     words = list(sys.argv[1:] if arguments is None else arguments)
     if " ".join(words[:2]) in _COMMANDS:
-        # commands of a trained model stand beside `rom DECK`
+        # commands of a trained model are listed beside `rom DECK`
         words[:2] = [" ".join(words[:2])]
     options = _parser().parse_args(words)
     if options.default_out and options.out is None:
@@ -57,13 +57,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
     # SIGTERM (time limits, schedulers) ends a run as cleanly as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    # Before numpy and the core are loaded: their thread pools read this once. On matrices as small
+    # Before numpy and the core are loaded: their thread pools read this once. For matrices as small
     # as those here, threads of numpy's BLAS wait for each other longer than they compute.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     if options.threads is not None:
         os.environ["OMP_NUM_THREADS"] = str(options.threads)
     try:
-        # interrupted while it loads, numpy calls itself a broken installation: signals wait
+        # if interrupted while loading, numpy reports a broken installation: signals wait
         mask = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         try:
             importlib.import_module("numpy")
@@ -76,7 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except KeyboardInterrupt:
         status = _complain("stopped; finished results have been written", 1)
         if arguments is None:
-            # a library that was stopped while it loaded may crash when Python takes it down
+            # a library that was interrupted while loading may crash when Python unloads it
             os._exit(status)
         return status
     except Exception as error:
@@ -105,7 +105,7 @@ def _explanation(error: Exception) -> tuple[str, int]:
     if isinstance(error, ImportError):
         return f"part of the installation cannot be loaded: {error}; {cure_of(str(error))}", 3
     if isinstance(error, OSError):
-        # an exception without errno has nothing but its arguments, which may be a bare path
+        # an exception without errno has only its arguments, which may be a bare path
         what = error.strerror or f"{type(error).__name__}: {error}"
         return f"{error.filename}: {what}" if error.filename else what, 2
     name = type(error).__name__
@@ -139,7 +139,7 @@ def _station(place: str, says: str = "", **more: str) -> _Run:
     """Command that runs a function of the deck and its folder; `more` are options it takes."""
 
     def run(options: argparse.Namespace, console: Console) -> str:
-        # a mistyped name leaves no folder
+        # a mistyped name creates no folder
         if options.deck.exists():
             options.out.mkdir(parents=True, exist_ok=True)
         with asked(options.out) if "verbosity" in more else nullcontext():
@@ -216,7 +216,7 @@ def _view(options: argparse.Namespace, console: Console) -> str | None:
     if options.still is not None:
         still = _load("view:still_page")
         return f"page: {still(options.file, options.still, threads=threads, progress=console)}"
-    # a closed terminal ends the page as Ctrl-C does; under nohup it stays
+    # closing the terminal stops the page like Ctrl-C; under nohup it stays
     if signal.getsignal(signal.SIGHUP) is signal.SIG_DFL:
         signal.signal(signal.SIGHUP, signal.default_int_handler)
     _load("view:serve")(

@@ -1,7 +1,7 @@
 """Progress of a long task: a bar on a terminal, plain lines in a log or a notebook.
 
-Every function that takes a `progress` argument calls it with one line of text at a time. A line
-that starts with ``name n/total`` (``step  3/10  load 0.3``) moves the bar.
+Every function with a `progress` argument calls it with one line of text at a time. A line that
+starts with ``name n/total`` (``step  3/10  load 0.3``) advances the bar.
 """
 
 import os
@@ -21,7 +21,7 @@ def silent(line: str) -> None:
 
 
 def say(line: str, *, error: bool = False) -> None:
-    """Print a line; where its reader has gone, as `head` does, it and what follows go nowhere.
+    """Print a line; if the reader of the output has gone (`head`), drop it and all later ones.
 
     - `error`: to standard error instead of standard output
     """
@@ -37,8 +37,8 @@ def say(line: str, *, error: bool = False) -> None:
 class Console(AbstractContextManager["Console"]):
     """Progress callback of the commands and of notebooks; use it as a context manager.
 
-    - `verbosity`: -1 shows nothing, 0 and 1 show the lines that arrive; how many arrive is the
-      business of the task
+    - `verbosity`: -1 shows nothing, 0 and 1 show all lines that arrive; their number depends on
+      the task
 
     >>> with Console() as progress:  # doctest: +SKIP
     ...     states = scene.solve(progress=progress)
@@ -46,7 +46,7 @@ class Console(AbstractContextManager["Console"]):
 
     def __init__(self, verbosity: int = 0) -> None:
         self._quiet = verbosity < 0
-        self._bar: Any = None  # a Progress of rich, loaded where one is drawn
+        self._bar: Any = None  # a Progress of rich, loaded when a bar is drawn
         self._tasks: dict[str, Any] = {}
 
     def __exit__(self, *_: object) -> None:
@@ -60,7 +60,7 @@ class Console(AbstractContextManager["Console"]):
             return
         counted = _COUNTED.match(line)
         if counted is None or not sys.stdout.isatty():
-            # a bar that is drawn lets lines pass above it
+            # lines are printed above a bar that is being drawn
             say(line)
             return
         if self._bar is None:

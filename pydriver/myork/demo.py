@@ -1,4 +1,4 @@
-"""The whole way on one command: phantom images to a muscle force, a reduced model and pages."""
+"""The whole workflow in one command: phantom images to muscle force, reduced model and pages."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,20 +10,20 @@ from myork.files import INPUTS, write_json, write_text
 from myork.summary import with_bar
 
 _DECK = INPUTS / "mg_muscle.toml"
-#: Files of the reduced model, beside what stations write
+#: Files of the reduced model, in addition to those that the stations write
 _MODEL, _PAGE = "mg_muscle.rom.h5", "mg_muscle.html"
 #: The fibers are shorter than their optimal length. At that length, as in the deck, activation
-#: stretches fibers at the rim of the held planes to 1.25 and more: active stress falls with stretch
-#: there, and the material loses ellipticity from an activation of 0.18 on
+#: stretches fibers at the rim of the fixed planes to 1.25 and more. Active stress decreases with
+#: stretch there, and the material loses ellipticity from an activation of 0.18 on.
 _OVERRIDES = (
     "material.muscle.lambda_o=1.4",
     "load.steps=3",
-    # voxels twice as wide leave more of the surface open than an accepted stress may
+    # with voxels twice as wide, too much of the surface lacks its traction for acceptance
     "build.collocation_stride=[1,1,1]",
 )
-#: What the reduced model leaves free [-], [cm]
+#: Free parameters of the reduced model [-], [cm]
 _VARIED = {"load.activation": (0.0, 0.3), "boundary.top.u_z": (-0.3, 0.3)}
-#: Full solves of its training, which no test ends, and of the check of what came out
+#: Full solves of its training (without early termination by a test), and of the final check
 _SOLVES, _CHECKS = 24, 6
 
 
@@ -63,7 +63,7 @@ def run_demo(
         try:
             station(_DECK, out, overrides=overrides, threads=threads, progress=progress)
         except RefusedError as reason:
-            # the answer is there, and the report shows why it is refused
+            # the answer exists, and the report shows why it is refused
             progress(str(reason))
     progress("station 5/5  pages")
     states = sample(out / _MODEL, threads=threads or 1, progress=progress)
@@ -94,7 +94,7 @@ def _reduced(
     threads: int | None,
     progress: ProgressCallback,
 ) -> None:
-    """Train the reduced model, compare it with full solves that its training did not see."""
+    """Train the reduced model, and compare it with full solves outside its training."""
     from myork.rom.check import compare
     from myork.rom.train import train
 

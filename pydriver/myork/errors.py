@@ -2,7 +2,7 @@
 
 The core reports an error as a pair (code, message); `check` turns the pair into an exception.
 Messages are full sentences that name the place (file, line, key, point or material), the
-offending value and what to do. `cure_of` says what to do where a shared library is missing.
+offending value and the remedy. `cure_of` gives the remedy for a missing shared library.
 """
 
 import importlib
@@ -15,8 +15,8 @@ _MISSING = re.compile(r"(lib[\w.+-]+): cannot open shared object file")
 class MyorkError(Exception):
     """Base of all errors that the package raises on purpose.
 
-    `exit_code` is the exit status of the command `myork` where this error ends it: 1 the run ended
-    without convergence or its answer is refused, 2 bad input, 3 a missing or broken part of the
+    `exit_code` is the exit status of the command `myork` that this error stops: 1 no convergence or
+    a refused answer, 2 bad input, 3 a missing or broken part of the
     installation.
     """
 
@@ -40,7 +40,7 @@ class ConvergenceError(MyorkError):
 
 
 class RefusedError(MyorkError):
-    """The answer of a whole run is refused by its own checks; it is written with the reasons."""
+    """A complete run whose answer its own checks refuse; it is written with the reasons."""
 
 
 class LinalgError(MyorkError):
@@ -75,10 +75,10 @@ _BY_CODE: dict[int, type[MyorkError]] = {
 
 
 def check(stat: int, message: str | bytes) -> None:
-    """Raise the exception of a core status, if it is one.
+    """Raise the exception that belongs to a status of the core; none for success.
 
     - `stat`: code returned by the core, 0 for success
-    - `message`: its message; blanks at the end (a Fortran buffer) are cut off
+    - `message`: its message; trailing blanks (of a Fortran buffer) are removed
     """
     if stat == 0:
         return
@@ -87,7 +87,7 @@ def check(stat: int, message: str | bytes) -> None:
 
 
 def optional(name: str, extra: str, what: object = "this") -> Any:
-    """A library that only some need, or an error that says what needs it and names the extra."""
+    """An optional library; without it an error names what needs it and the extra to install."""
     try:
         return importlib.import_module(name)
     except ImportError as reason:
@@ -97,9 +97,9 @@ def optional(name: str, extra: str, what: object = "this") -> Any:
 
 
 def cure_of(complaint: str) -> str:
-    """What to do about a complaint of the loader.
+    """Remedy for an error message of the loader.
 
-    - `complaint`: text of an exception, or what a program said that did not start
+    - `complaint`: text of an exception, or output of a program that did not start
     - returns a sentence without a full stop
     """
     found = _MISSING.search(complaint)

@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all."""
+"""Files that are written completely or not at all."""
 
 import csv
 import fcntl
@@ -14,21 +14,21 @@ from typing import Any
 
 from myork.errors import FileError, InputError
 
-#: Decks of the installation; of an editable one those of the checkout
+#: Decks of the installation; those of the checkout for an editable one
 INPUTS = Path(str(resources.files("myork") / "inputs" / "mg_muscle.toml")).parent
 
 
 def open_output(path: Path, *, new: bool) -> int:
-    """Open a name for output: all output of the driver is opened here, or below a name made here.
+    """Open a path for output; the driver opens all output here, or below a path created here.
 
-    Whoever can write to the folder may have put a link there; what it leads to is not ours to
-    write.
+    Whoever can write to the folder may have put a link there; its target must not be
+    overwritten.
 
     - `path`: the file
-    - `new`: whether it shall be a new one, in place of what has the name; else it is opened as it
-      is, and made where it is missing
+    - `new`: whether to create a new file in place of an existing one; otherwise an existing file is
+      opened unchanged, and a missing one is created
     - returns descriptor for reading and writing
-    - raises OSError: it cannot be opened, or the name of a file that is kept is that of a link
+    - raises OSError: it cannot be opened, or the path of a file that is kept is a link
     """
     if new:
         path.unlink(missing_ok=True)
@@ -38,12 +38,12 @@ def open_output(path: Path, *, new: bool) -> int:
 
 @contextmanager
 def alone_in(folder: Path) -> Iterator[None]:
-    """Have an output folder alone while a station writes to it; it is made if it is missing.
+    """Lock an output folder while a station writes to it; it is created if it is missing.
 
-    The executable `myork-solve` takes its folder in the same way. File systems without locks are
+    The executable `myork-solve` locks its folder in the same way. File systems without locks are
     accepted.
 
-    - raises FileError: another run has the folder, or it cannot be written to
+    - raises FileError: another run has locked the folder, or it cannot be written to
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -73,11 +73,11 @@ def alone_in(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def whole_file(path: Path, *, by_suffix: bool = False) -> Iterator[Path]:
-    """Path to write to in a block; the file takes its name when the block has ended well.
+    """Path to write to in a block; it is renamed to the final name when the block succeeds.
 
     - `path`: the file; it stays as it was until the new one is whole
-    - `by_suffix`: whether what writes looks at the suffix: then `part.` stands before the name,
-      else `.part` behind it
+    - `by_suffix`: whether the writer looks at the suffix: then `part.` is put before the name,
+      otherwise `.part` after it
     - raises FileError: the file cannot be written
     """
     unfinished = path.with_name(f"part.{path.name}" if by_suffix else f"{path.name}.part")
@@ -90,13 +90,13 @@ def whole_file(path: Path, *, by_suffix: bool = False) -> Iterator[Path]:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text file, in UTF-8, by `whole_file`."""
+    """Write a text file, in UTF-8, through `whole_file`."""
     with whole_file(path) as unfinished:
         unfinished.write_text(text, encoding="utf-8")
 
 
 def read_text(path: Path) -> str:
-    """Text of a small file, in UTF-8, with a FileError or InputError that names it."""
+    """Text of a small file, in UTF-8; FileError or InputError name the file."""
     try:
         return path.read_text("utf-8-sig")
     except FileNotFoundError:
@@ -108,7 +108,7 @@ def read_text(path: Path) -> str:
 
 
 def json_text(value: Any, indent: int | None = None) -> str:
-    """Mappings, lists, texts and numbers as JSON; what is not finite becomes null."""
+    """Mappings, lists, texts and numbers as JSON; numbers that are not finite become null."""
     return json.dumps(_finite(value), indent=indent, ensure_ascii=False)
 
 
@@ -118,20 +118,20 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_csv(path: Path, head: Iterable[Any], rows: Iterable[Iterable[Any]]) -> None:
-    """Write a table with a head."""
+    """Write a table with a header row."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([head, *rows])
     write_text(path, text.getvalue())
 
 
 def write_figure(path: Path, figure: Any) -> None:
-    """Write a figure of Matplotlib."""
+    """Write a Matplotlib figure."""
     with whole_file(path) as unfinished:
         figure.savefig(unfinished, dpi=110, format="png")
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Entries of a JSON file, with a FileError where it cannot be read or is not one object."""
+    """Entries of a JSON file; FileError where it cannot be read or is not a single object."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"), parse_constant=_refuse)
     except (OSError, ValueError) as reason:
@@ -148,7 +148,7 @@ def _refuse(name: str) -> None:
 
 
 def _finite(value: Any) -> Any:
-    """The same value with None for numbers that JSON does not know."""
+    """The same value with None in place of numbers that JSON cannot express."""
     if isinstance(value, Mapping):
         return {key: _finite(entry) for key, entry in value.items()}
     if isinstance(value, list | tuple):

@@ -19,10 +19,10 @@ from myork.files import whole_file
 from myork.records import PointCloud, Voxels
 
 FORMAT = "myork-model 4"
-#: Edges of a voxel that its point may be off its centre: `build` moves points onto the surface, at
-#: shallow ends by three edges
+#: Distance of a point from the centre of its voxel, in edges: `build` moves points onto the
+#: surface, at shallow ends by up to three edges
 _MOVED = 10.0
-#: Arrays of every cloud; fortran/scene/rk_cloud.f90 asks for the same of what it is given
+#: Arrays of every cloud; fortran/scene/rk_cloud.f90 requires the same of its input
 _ARRAYS = {
     "source": real("source points", 3),
     "spacing": real("source points", 3),
@@ -35,7 +35,7 @@ _ARRAYS = {
     "normal": real("boundary points", 3),
     "area": real("boundary points", least=0.0),
 }
-#: Arrays that a cloud may have, those of voxels all or none
+#: Optional arrays of a cloud; those of voxels are given all or none
 _GRID = ("voxels/index", "voxels/size", "voxels/origin")
 _OTHERS = {
     "fraction": real("points", "labels"),
@@ -54,13 +54,13 @@ def write_model(path: Path, cloud: PointCloud) -> None:
 
 
 def model_bytes(cloud: PointCloud) -> bytes:
-    """What the file of a model holds."""
+    """Content of the file of a model."""
     labels = "\n".join(f"{label} {name}" for label, name in sorted(cloud.label_names.items()))
     texts = {
         "format": FORMAT, "length_unit": cloud.length_unit, "source_images": cloud.source_images,
         "set_names": "\n".join(cloud.set_names), "label_names": labels,
     }  # fmt: skip
-    # HDF5 does not survive a full disk: it makes the file in memory
+    # HDF5 cannot handle a full disk, so the file is made in memory
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
         for name, array in _arrays_of(cloud).items():
@@ -74,7 +74,7 @@ def read_model(path: Path) -> PointCloud:
     """Read a model.
 
     - raises FileError: there is no such file, or it cannot be read
-    - raises InputError: it is of another format, or what it holds is no model
+    - raises InputError: it has another format, or its content is not a model
     """
     if not path.is_file():
         raise FileError(f"{path}: there is no such model; `myork build` writes one")
@@ -82,7 +82,7 @@ def read_model(path: Path) -> PointCloud:
 
 
 def model_of_bytes(content: bytes, name: str) -> PointCloud:
-    """As `read_model`, of what a file holds; errors have the name."""
+    """As `read_model`, for the content of a file; errors use the name."""
     return _read(io.BytesIO(content), name)
 
 
@@ -126,7 +126,7 @@ def _cloud_of(file: h5py.File) -> PointCloud:
 def checked_cloud(cloud: PointCloud) -> PointCloud:
     """A cloud with arrays of the types that the core takes.
 
-    - raises InputError: they do not fit together, or point to what is not there
+    - raises InputError: they are inconsistent, or have indices out of range
     """
     arrays = _arrays_of(cloud)
     arrays.pop("fraction_label", None)
@@ -152,13 +152,13 @@ def _arrays_of(cloud: PointCloud) -> dict[str, Any]:
 
 
 def _with_voxels(arrays: dict[str, Any]) -> dict[str, Any]:
-    """Arrays with those of the grid as one record, which may be missing."""
+    """Arrays with those of the voxel grid as one record, which may be missing."""
     grid = [arrays.pop(name) for name in _GRID if name in arrays]
     return {**arrays, "voxels": Voxels(*grid) if grid else None}
 
 
 def _fitted(found: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, Any]:
-    """Arrays as the rules want them, of a body that has volume and lies in its voxels."""
+    """Arrays that satisfy the rules, of a body that has volume and lies in its voxels."""
     rules = _ARRAYS | {name: rule for name, rule in _OTHERS.items() if name in found}
     arrays = fitted(rules, found, sizes)
     if not arrays["volume"].any():
@@ -178,7 +178,7 @@ def _fitted(found: Mapping[str, Any], sizes: Mapping[str, int]) -> dict[str, Any
 
 
 def _label(line: str) -> tuple[int, str]:
-    """Label and name of a line of `label_names`."""
+    """Label and name from a line of `label_names`."""
     number, _, name = line.partition(" ")
     if not re.fullmatch(r"-?\d{1,10}", number) or abs(int(number)) >= 2**31:
         raise InputError(f"'label_names' has the line {line[:40]!r}: a label and a name are needed")
@@ -186,7 +186,7 @@ def _label(line: str) -> tuple[int, str]:
 
 
 def _text(file: h5py.File, name: str) -> str:
-    """A text, which is stored as bytes: that needs no string type in HDF5."""
+    """A text, stored as bytes, which needs no string type in HDF5."""
     found = dataset(file, name)
     if found.dtype.kind not in "iu" or found.ndim != 1:
         raise InputError(f"'{name}' is not a text")

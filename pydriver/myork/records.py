@@ -1,6 +1,6 @@
-"""Plain records that go from station to station: image, labels, points.
+"""Plain records passed from station to station: image, labels, points.
 
-Each is frozen, holds arrays only, and can be written to a file and read back.
+Each is frozen, contains arrays only, and can be written to a file and read back.
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from myork.types import F64, I32
 
 
 class _Grid:
-    """Voxels by an affine."""
+    """Voxels with an affine."""
 
     affine: F64
 
@@ -33,72 +33,72 @@ class Image(_Grid):
     data: F64  #: Values, shape `(ni, nj, nk)`, or `(ni, nj, nk, nvalue)` for tensors and vectors
     #: Voxel indices to world coordinates (right, anterior, superior), shape `(4, 4)` [mm]
     affine: F64
-    name: str = "image"  #: Where it comes from, for messages
+    name: str = "image"  #: Its origin, for messages
 
 
 @dataclass(frozen=True)
 class Labels(_Grid):
-    """A whole number for each voxel; zero is nothing."""
+    """A whole number for each voxel; zero is background."""
 
     data: I32  #: Labels, shape `(ni, nj, nk)`
     affine: F64  #: Voxel indices to world coordinates, shape `(4, 4)` [mm]
     #: Name of each label above zero that has one
     names: dict[int, str] = field(default_factory=dict)
-    name: str = "labels"  #: Where it comes from, for messages
+    name: str = "labels"  #: Its origin, for messages
 
     @property
     def present(self) -> dict[int, str]:
-        """Labels above zero that some voxel has, ascending, and their names."""
+        """Labels above zero that occur in the map, ascending, and their names."""
         found = np.unique(self.data[self.data > 0]).tolist()
         return {label: self.label_name(label) for label in found}
 
     def label_name(self, label: int) -> str:
-        """Name of a label; one is made for a label without a name."""
+        """Name of a label; a default for a label without a name."""
         return self.names.get(label, f"label {label}")
 
 
 @dataclass(frozen=True)
 class Voxels:
-    """Regular grid of the voxels that a model was made of."""
+    """Regular grid of the voxels from which a model was made."""
 
-    index: I32  #: Place of each collocation point's voxel in the grid, shape `(npoint, 3)`
+    index: I32  #: Grid indices of each collocation point's voxel, shape `(npoint, 3)`
     size: F64  #: Edges of a voxel, shape `(3,)` [length]
-    origin: F64  #: Centre of the voxel at place 0, 0, 0, shape `(3,)` [length]
+    origin: F64  #: Centre of the voxel with indices 0, 0, 0, shape `(3,)` [length]
 
 
 @dataclass(frozen=True)
 class PointCloud:
-    """Points of a model; `model.h5` and the core have the same names."""
+    """Points of a model; names are the same in `model.h5` and the core."""
 
     source: F64  #: Source points, shape `(nsource, 3)` [length]
     #: Distance of neighbouring source points per direction, the unit of their supports, shape
     #: `(3,)`, or `(nsource, 3)` where it varies [length]
     spacing: F64
-    #: Collocation points, those from voxels in lexicographic order of these, shape `(npoint, 3)`
+    #: Collocation points, those from voxels in their lexicographic order, shape `(npoint, 3)`
     #: [length]
     points: F64
     label: I32  #: Label of each collocation point, shape `(npoint,)`
     #: Unit fiber vectors, zero rows where the label has no fibers, shape `(npoint, 3)` [-]
     fiber: F64
-    volume: F64  #: Volume that belongs to each collocation point, shape `(npoint,)` [length^3]
-    #: Collocation point of each boundary point (a point stands once in every set it belongs to),
+    volume: F64  #: Volume of each collocation point, shape `(npoint,)` [length^3]
+    #: Collocation point of each boundary point (a point is listed once in every set it belongs to),
     #: shape `(nboundary,)`
     boundary_point: I32
     boundary_set: I32  #: Index into `set_names`, shape `(nboundary,)`
     normal: F64  #: Outward unit normals, shape `(nboundary, 3)` [-]
-    area: F64  #: Area that belongs to each boundary point, shape `(nboundary,)` [length^2]
+    area: F64  #: Area of each boundary point, shape `(nboundary,)` [length^2]
     set_names: tuple[str, ...]  #: Names of the boundary sets
     label_names: dict[int, str]  #: Name of each label
     length_unit: str  #: Unit of all lengths
-    source_images: str  #: Images behind the points: a line each, file name and SHA-256
-    #: Voxels that belong to the collocation points; None for bodies that are not made of voxels.
+    source_images: str  #: Source images of the points: one line each, file name and SHA-256
+    #: Voxels of the collocation points; None for bodies that are not made of voxels.
     #: Points of surface voxels lie on the surface, not in the centres of these.
     voxels: Voxels | None = None
-    #: Part of each point's volume that each label of `label_names` fills, in ascending order of the
-    #: labels, shape `(npoint, nlabel)` [-]; None where each point holds one label
+    #: Fraction of each point's volume filled by each label of `label_names`, in ascending order of
+    #: the labels, shape `(npoint, nlabel)` [-]; None where each point has one label
     fraction: F64 | None = None
-    #: Part of its muscle's activation that each point has, from 0 to 1, shape `(npoint,)` [-]; None
-    #: where all have all of it
+    #: Fraction of its muscle's activation at each point, from 0 to 1, shape `(npoint,)` [-]; None
+    #: where it is 1 everywhere
     activation: F64 | None = None
 
     def label_volumes(self) -> dict[int, float]:

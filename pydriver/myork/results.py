@@ -1,7 +1,7 @@
-"""Reader of the result file `results.vtkhdf`: arrays are read when they are asked for.
+"""Reader of the result file `results.vtkhdf`: arrays are read on request.
 
-The file is written by fortran/results/h5/rk_results.f90; what VTK shows lies in its group VTKHDF,
-what a restart needs in its group MyoRK.
+The file is written by fortran/results/h5/rk_results.f90; the data for VTK are in its group VTKHDF,
+those for a restart in its group MyoRK.
 """
 
 from collections.abc import Iterator
@@ -21,24 +21,24 @@ from myork.summary import read_summary
 from myork.types import F64, I32
 
 _FILE = "results.vtkhdf"
-# Where VTK's six components xx, yy, zz, xy, yz, xz stand in the tensor, row by row
+# Positions of VTK's six components xx, yy, zz, xy, yz, xz in the tensor, row by row
 _SYMMETRIC = [0, 3, 5, 3, 1, 4, 5, 4, 2]
 # Components of scalars, vectors, symmetric and other tensors
 _WIDTHS = (1, 3, 6, 9)
-# In the largest plane of a lattice, for each point
+# Largest number of cells in the largest plane of a lattice, per point
 _MOST_CELLS = 100
 
 
 @dataclass(frozen=True)
 class RestartState:
-    """What is needed to go on from a step."""
+    """Data from which a solve can continue after a step."""
 
     step: int  #: Number of the step, 0 for the undeformed state
     load: float  #: Fraction of the full load [-]
     activation: float  #: Activation of the muscle fibers [-]
     coefficients: F64  #: Coefficients of the approximation, shape `(ndof,)`
     points: F64  #: Undeformed collocation points, shape `(np, 3)` [length]
-    approximation: str  #: Shape functions they belong to, in words
+    approximation: str  #: Description of the shape functions they belong to
 
 
 class Results(AbstractContextManager["Results"]):
@@ -46,7 +46,7 @@ class Results(AbstractContextManager["Results"]):
 
     - `path`: result file, or the output folder with `results.vtkhdf` in it
 
-    It has `path`, the file, and:
+    Attributes: `path`, the file, and
 
     - `nstep`: number of steps, the undeformed state (step 0) included
     - `npoint`: number of collocation points
@@ -77,7 +77,7 @@ class Results(AbstractContextManager["Results"]):
             raise
 
     def close(self) -> None:
-        """Close the file; arrays that were read stay valid."""
+        """Close the file; arrays that were already read stay valid."""
         self._file.close()
 
     def __exit__(self, *_: object) -> None:
@@ -103,9 +103,9 @@ class Results(AbstractContextManager["Results"]):
 
     @cached_property
     def surface(self) -> I32:
-        """Points at the corners of the surface's triangles, counter-clockwise from outside.
+        """Point indices at the corners of the surface triangles, counter-clockwise from outside.
 
-        Triangles of a plane body fill it. Shape `(m, 3)`, no rows where points have no lattice.
+        Triangles of a plane body fill it. Shape `(m, 3)`, no rows where points form no lattice.
         """
         found = self._joined("surface")
         if found.shape[1] != 3 or found.min(initial=0) < 0 or found.max(initial=0) >= self.npoint:
@@ -114,11 +114,11 @@ class Results(AbstractContextManager["Results"]):
 
     @cached_property
     def lattice(self) -> I32:
-        """Place of each point in its lattice, shape `(np, dimension)`; `(0, 3)` without one."""
+        """Indices of each point in its lattice, shape `(np, dimension)`; `(0, 3)` without one."""
         found = self._joined("lattice")
         right = len(found) in (0, self.npoint)
         if right and len(found):
-            # pictures have a place for each cell of a plane, most of which lie in the body
+            # pictures allocate every cell of a plane, most of which lie in the body
             cells = np.ptp(found.astype(float), axis=0) + 1.0
             axes = np.flatnonzero(np.ptp(self.points, axis=0))
             right = axes.max(initial=0) < len(cells)
@@ -128,7 +128,7 @@ class Results(AbstractContextManager["Results"]):
         return found
 
     def _joined(self, name: str) -> I32:
-        """Rows of whole numbers that say how points hang together; none without a lattice."""
+        """Rows of integers that describe the connectivity of points; none without a lattice."""
         with _damage(self.path, name):
             if f"MyoRK/{name}" not in self._file:
                 return np.empty((0, 3), np.int32)
@@ -148,7 +148,7 @@ class Results(AbstractContextManager["Results"]):
         return self._series("MyoRK/activation")
 
     def _series(self, name: str) -> F64:
-        """A number for each step."""
+        """One number per step."""
         values = self._read(name)
         if values.ndim != 1 or len(values) < self.nstep:
             raise FileError(
@@ -194,9 +194,9 @@ class Results(AbstractContextManager["Results"]):
         """Points of a step with all fields, for PyVista.
 
         - `step`: number of the step; negative numbers count from the last one
-        - `deformed`: put the points where they have moved to; the field `u` is there either way
-        - returns `pyvista.PolyData`: a vertex for each point, and the surface's triangles where
-          they are known; tensors have nine components, row by row. `field_data` holds `step`,
+        - `deformed`: use the deformed positions of the points; the field `u` is included either way
+        - returns `pyvista.PolyData`: a vertex for each point, and the surface triangles where
+          known; tensors have nine components, row by row. `field_data` holds `step`,
           `load` and `activation`.
         - raises InstallationError: PyVista is missing
 
@@ -220,10 +220,10 @@ class Results(AbstractContextManager["Results"]):
     def history(self) -> Any:
         """Load steps of the summary with their probes, as a table.
 
-        - returns `pandas.DataFrame`: a row a load step, by its number: `load`, `activation`,
+        - returns `pandas.DataFrame`: a row per load step, indexed by number: `load`, `activation`,
           `iterations`, `min_J`, `max_J`, and a column for each probe (`force_x`, `force_y`,
-          `force_z` for a probe `force` of three numbers) with its error bar, `force_x_error`, where
-          there is one. Its `attrs["units"]` holds the units of these columns by name.
+          `force_z` for a probe `force` of three numbers) with its error bar, `force_x_error`, if
+          any. Its `attrs["units"]` holds the units of these columns by name.
         - raises InstallationError: Pandas is missing
         - raises FileError: there is no `summary.json` beside the file
         """
@@ -249,10 +249,10 @@ class Results(AbstractContextManager["Results"]):
         return table
 
     def restart(self, step: int = -1) -> RestartState:
-        """State from which a solve can go on.
+        """State from which a solve can continue.
 
         - `step`: number of the step; negative numbers count from the last one
-        - returns load, activation, coefficients and what they belong to
+        - returns load, activation, coefficients and the approximation they belong to
         """
         step = self._step(step)
         words = self._read("MyoRK/approximation")
@@ -300,7 +300,7 @@ class Results(AbstractContextManager["Results"]):
         return step % self.nstep
 
     def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
-        """Numbers of a dataset; errors name the file."""
+        """Values of a dataset; errors name the file."""
         with _damage(self.path, name):
             values = np.asarray(dataset(self._file, name)[part])
             if values.dtype.kind not in "iuf":
@@ -309,9 +309,9 @@ class Results(AbstractContextManager["Results"]):
 
 
 def restart_of(words: str | Path) -> RestartState:
-    """State of a result file by name.
+    """State of a result file, given by a text.
 
-    - `words`: result file or its folder, and the number of the step behind a colon:
+    - `words`: result file or its folder, and after a colon the number of the step:
       `"out/block:3"`; without it the last one
     """
     path, colon, step = str(words).rpartition(":")
@@ -324,7 +324,7 @@ def restart_of(words: str | Path) -> RestartState:
 
 @contextmanager
 def _damage(path: Path, what: str) -> Iterator[None]:
-    """Name the file where h5py raises one of the many errors that it has for damaged ones."""
+    """Name the file in any of the many errors that h5py raises for damaged files."""
     try:
         yield
     except (*UNREADABLE, InputError) as reason:
@@ -335,7 +335,7 @@ def _damage(path: Path, what: str) -> Iterator[None]:
 
 
 def _open(path: Path) -> h5py.File:
-    """Open a file for reading, or say why that cannot be done and what to do."""
+    """Open a file for reading; an error gives the reason and the remedy."""
     try:
         return h5py.File(path, "r")
     except FileNotFoundError as error:

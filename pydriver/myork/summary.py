@@ -10,17 +10,17 @@ import myork
 from myork.errors import FileError
 from myork.files import alone_in, read_json, write_json
 
-#: Entries of stations before a solve; others are about a solution (`rk_summary` has the same)
+#: Entries of stations before a solve; others belong to a solution (`rk_summary` has the same)
 _BEFORE = ("segmentation", "tissue", "model", "resampled", "damaged_slices")
-#: Summary of the last finished solution while a later run has none (`rk_summary` has the same)
+#: Summary of the last finished solution until a later run has one (`rk_summary` has the same)
 WAITING = "summary.json.previous"
 
 
 @contextmanager
 def asked(folder: Path) -> Iterator[None]:
-    """Let the summary in a folder say why a run ended before its solve wrote it.
+    """Record in the summary of a folder why a run ended before its solve wrote it.
 
-    - `folder`: output folder; what another process has is left alone
+    - `folder`: output folder; left alone if another process has locked it
     """
     try:
         yield
@@ -43,7 +43,7 @@ def _write_refusal(folder: Path, message: str) -> None:
 
 
 def _set_aside(folder: Path) -> dict[str, Any]:
-    """Give the summary of a finished solution another name; returns what it was."""
+    """Rename the summary of a finished solution; returns its content."""
     summary = readable_summary(folder)
     verdict = summary.get("verdict") or {}
     if summary.get("converged") and verdict.get("state") != "refused":
@@ -61,12 +61,12 @@ def _before(summary: Mapping[str, Any]) -> dict[str, Any]:
 
 @contextmanager
 def renewing(folder: Path, *parts: str) -> Iterator[None]:
-    """Have a folder alone while a station renews its parts of the summary.
+    """Lock a folder while a station renews its parts of the summary.
 
-    The summary of a finished solution of what such a part was before is set aside. If the station
-    fails, parts of an earlier run stay and say so in an entry `failed`.
+    The summary of a finished solution based on earlier versions of such parts is set aside. If the
+    station fails, parts of an earlier run remain, with an entry `failed`.
 
-    - `folder`: output folder; made if it is missing
+    - `folder`: output folder; created if it is missing
     - `parts`: entries of `summary.json` that the station writes
     """
     with alone_in(folder):
@@ -89,7 +89,7 @@ def renewing(folder: Path, *parts: str) -> Iterator[None]:
 
 
 def failures(summary: Mapping[str, Any]) -> list[str]:
-    """What a folder holds of earlier runs because a later one failed, a sentence each."""
+    """Results of earlier runs left in a folder because a later run failed, one sentence each."""
     found = []
     for name, part in summary.items():
         if isinstance(part, Mapping) and isinstance(part.get("failed"), str):
@@ -98,7 +98,7 @@ def failures(summary: Mapping[str, Any]) -> list[str]:
 
 
 def printed(step: Mapping[str, Any]) -> dict[str, Any]:
-    """Probes of a step of the summary as the solver prints them: 0 far below an error bar."""
+    """Probes of a step of the summary as the solver prints them: 0 if far below an error bar."""
     return {**(step.get("probes") or {}), **(step.get("printed") or {})}
 
 
@@ -114,20 +114,20 @@ def with_bar(step: Mapping[str, Any], name: str, unit: str, digits: int = 5) -> 
 
 
 def update_summary(folder: Path, part: Mapping[str, Any]) -> None:
-    """Put entries into `summary.json`, in place of entries of the same names.
+    """Put entries into `summary.json`, replacing entries of the same names.
 
     - `folder`: output folder
-    - `part`: entries: text, numbers, lists and mappings of them; what is not finite becomes null
+    - `part`: entries: text, numbers, lists and mappings of them; non-finite numbers become null
     """
     write_json(folder / "summary.json", {**readable_summary(folder), **part})
 
 
 def with_others(folder: Path, name: str, station: str, entries: Iterable[Any]) -> list[Any]:
-    """A list of the summary to which several stations add: those of others stay.
+    """A list of the summary shared by several stations: entries of other stations are kept.
 
     - `folder`: output folder
-    - `name`: of the list
-    - `station`: station whose entries these are; it is noted in each
+    - `name`: name of the list
+    - `station`: station that owns these entries; it is noted in each
     - `entries`: new entries
     """
     kept = [own for own in readable_summary(folder).get(name, ()) if own.get("station") != station]
@@ -135,7 +135,7 @@ def with_others(folder: Path, name: str, station: str, entries: Iterable[Any]) -
 
 
 def read_summary(folder: Path) -> dict[str, Any]:
-    """Entries of `summary.json`; nothing where it is missing.
+    """Entries of `summary.json`; empty where it is missing.
 
     - raises FileError: the file is not a JSON object, or cannot be read
     """
@@ -144,7 +144,7 @@ def read_summary(folder: Path) -> dict[str, Any]:
 
 
 def readable_summary(folder: Path) -> dict[str, Any]:
-    """As `read_summary`; a broken one of an earlier run is no reason to lose this run."""
+    """As `read_summary`, but a broken file of an earlier run is ignored."""
     try:
         return read_summary(folder)
     except FileError:

@@ -1,4 +1,4 @@
-"""Decks as Python data: their TOML text, tables that cannot be changed."""
+"""Decks as Python data: their TOML text, and read-only tables."""
 
 import json
 import math
@@ -9,7 +9,7 @@ from typing import Any, NoReturn
 
 from myork.errors import InputError
 
-#: Entries of a checked deck that are no tables
+#: Entries of a checked deck that are not tables
 NOT_TABLES = {"path", "folder", "sha256", "probe_units", "result_units"}
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
@@ -17,10 +17,10 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 def deck_text(tables: Mapping[str, Any]) -> str:
     """TOML text of a deck.
 
-    - `tables`: tables by name, as a deck has them: mappings, or lists of mappings for what a deck
-      writes `[[name]]`. Values are texts, numbers, logicals, paths, lists and arrays of them.
-    - returns text that `load_deck` reads from a file
-    - raises InputError: a value that no deck can hold; the message names its key
+    - `tables`: tables by name, as in a deck: mappings, or lists of mappings for `[[name]]`
+      in a deck. Values are texts, numbers, logicals, paths, lists and arrays of them.
+    - returns text that `load_deck` can read from a file
+    - raises InputError: a value that decks cannot contain; the message names its key
     """
     plain = {name: content for name, content in tables.items() if not _is_table(content)}
     lines = [_line(name, value, "") for name, value in plain.items()]
@@ -37,12 +37,12 @@ def deck_text(tables: Mapping[str, Any]) -> str:
 
 
 def override_text(key: str, value: Any) -> str:
-    """Override of a deck, `table.key=value`, from a value that Python has."""
+    """Override of a deck, `table.key=value`, from a Python value."""
     return f"{key}={_toml(value, key)}"
 
 
 def _is_table(content: Any) -> bool:
-    """Whether this is a table or an array of tables."""
+    """Whether the content is a table or an array of tables."""
     if isinstance(content, list | tuple):
         return bool(content) and all(isinstance(entry, Mapping) for entry in content)
     return isinstance(content, Mapping)
@@ -59,15 +59,15 @@ def _key(key: Any) -> str:
 
 
 def _toml(value: Any, place: str) -> str:
-    """A value as TOML writes it; `place` is its key for messages."""
-    if hasattr(value, "tolist"):  # numbers and arrays of NumPy
+    """A value in TOML; `place` is its key for messages."""
+    if hasattr(value, "tolist"):  # NumPy numbers and arrays
         value = value.tolist()
     if isinstance(value, os.PathLike):
         value = os.fspath(value)
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, str | int | float):
-        # JSON escapes all that TOML wants escaped but the last of the control characters
+        # JSON escapes everything that TOML requires, except the last of the control characters
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml(entry, place) for entry in value) + "]"
@@ -80,9 +80,9 @@ def _toml(value: Any, place: str) -> str:
 
 
 def read_only(tables: Any) -> Any:
-    """Tables whose keys and lists, at all depths, refuse every change with an `InputError`.
+    """Tables whose keys and lists, at all depths, refuse any change with an `InputError`.
 
-    They compare, print and become JSON as the dicts and lists that they are; a copy is an ordinary
+    They compare, print and convert to JSON like ordinary dicts and lists; a copy is an ordinary
     dict or list.
     """
     if isinstance(tables, dict):
@@ -100,7 +100,7 @@ def _refuse(self: object, *_: Any, **__: Any) -> NoReturn:
 
 
 class _Fixed:
-    """What cannot be changed; copies can."""
+    """Base of read-only objects; their copies can be changed."""
 
     __setitem__ = __delitem__ = __ior__ = __iadd__ = __imul__ = clear = pop = _refuse
     popitem = setdefault = update = append = extend = insert = remove = reverse = sort = _refuse
@@ -110,8 +110,8 @@ class _Fixed:
 
 
 class _Table(_Fixed, dict[str, Any]):
-    """A table that cannot be changed."""
+    """A read-only table."""
 
 
 class _List(_Fixed, list[Any]):
-    """A list that cannot be changed."""
+    """A read-only list."""

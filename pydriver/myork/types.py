@@ -1,4 +1,4 @@
-"""Names of the arrays that the package passes around."""
+"""Names of the array types used in the package."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -1,6 +1,6 @@
-"""The command line: help, exit status, messages, libraries that are missing.
+"""The command line: help, exit status, messages, missing libraries.
 
-Where only the hand-over to the executable matters, a small script stands in for `myork-solve`.
+Where only the call of the executable matters, a small script replaces `myork-solve`.
 """
 
 import json
@@ -28,7 +28,7 @@ from myork.summary import read_summary
 from tests.scenes import execute, refuses, strip
 
 COMMANDS = ("demo", "segment", "build", "solve", "run", "rom", "report", "explain")
-#: Where a package lies below its prefix
+#: Location of a package below its prefix
 PACKAGE_PLACE = "prefix/lib/python3/site-packages/myork/stations/solve.py"
 
 Install = Callable[[str], Path]
@@ -66,7 +66,7 @@ def deck(tmp_path: Path) -> Path:
 
 
 def status_of(*words: object) -> int:
-    """Exit status of a command; argparse leaves by SystemExit."""
+    """Exit status of a command; argparse exits by SystemExit."""
     try:
         return cli.main([str(word) for word in words])
     except SystemExit as leaving:
@@ -177,12 +177,12 @@ def test_quiet_shows_no_progress(solver, deck, tmp_path, capsys):
     assert (captured.out, captured.err) == ("", "myork: refused\n")
 
 
-#: Another version, which no machine has
+#: A version that no machine has
 ASKED, ABSENT = b"libgomp.so.1", b"libgomp.so.9"
 
 
 def broken(source: Path, copy: Path) -> Path:
-    """A compiled file that asks for a library of another version."""
+    """A compiled file that requires another version of a library."""
     data = source.read_bytes()
     assert ASKED in data
     copy.write_bytes(data.replace(ASKED, ABSENT))
@@ -215,13 +215,13 @@ def test_extension(inputs: Path, tmp_path: Path) -> None:
     assert "libgomp.so.9 is not on this machine" in done.stderr
 
 
-# ---- both programs, whole: answers that are none, a clean end on Ctrl-C --------------------------
+# ---- both programs: invalid answers, a clean stop on Ctrl-C --------------------------------------
 
 
 #: Longest wait for a solution of a second or two; a failure, not a measurement [s]
 PATIENCE = 300
 
-#: The programs, and how each calls the folder of the results
+#: The programs, and the option of each for the folder of the results
 OUT = {"myork": "--out", "myork-solve": "-o"}
 
 
@@ -262,7 +262,7 @@ def test_numbers_not_finite_are_no_answer(program: str, inputs: Path, tmp_path: 
     assert any("NaN or infinite" in line for line in summary["warnings"])
 
 
-#: What stations before a solve say, with all that JSON allows
+#: Entries of stations before a solve, with everything that JSON allows
 EARLIER = {
     "segmentation": {
         "labels": {'gastrocnemius "médial"': {"pixels": 12, "volume": 1.5e-7}, "\\\n\u0001": {}},
@@ -276,7 +276,7 @@ EARLIER = {
 
 
 def solve_over(text: str, inputs: Path, folder: Path) -> tuple[dict[str, Any], str]:
-    """Solve into a folder with a summary: the new one, and what is said."""
+    """Solve into a folder with a summary; returns the new summary and the output."""
     (folder / "summary.json").write_text(text, encoding="utf-8")
     sizes = ("load.steps=1", "geometry.source=[3,3,3]", "geometry.collocation=[5,5,5]")
     summary, done = execute(inputs / "shear_3d.toml", folder, "--no-error", sets=sizes)
@@ -287,7 +287,7 @@ def solve_over(text: str, inputs: Path, folder: Path) -> tuple[dict[str, Any], s
 @pytest.mark.parametrize("ascii", [True, False])
 @pytest.mark.parametrize("indent", [1, 2])
 def test_the_executable_keeps_earlier_stations(inputs, tmp_path, ascii, indent):
-    """Those that hold whatever is solved; what describes another solution goes."""
+    """Entries that hold for any solve are kept; those about another solution are removed."""
     stale = {"rom": {"models": []}, "exact": {}, "errors": {"L2": 1}, "message": "did not converge"}
     found = {"title": "before", **EARLIER, **stale, "steps": []}
     text = json.dumps(found, ensure_ascii=ascii, indent=indent)

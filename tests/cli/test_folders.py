@@ -1,4 +1,4 @@
-"""Output folders: one run at a time, earlier results stay whole, no solve without its command."""
+"""Output folders: one run at a time, earlier results are kept, no solve outlives its command."""
 
 import html
 import json
@@ -36,7 +36,7 @@ def solve(deck: Path, out: Path, *words: str, **more: Any) -> subprocess.Complet
 
 
 def begun(deck: Path, out: Path, *words: str) -> subprocess.Popen[str]:
-    """A long solve, handed over when its first step has converged."""
+    """A long solve, returned when its first step has converged."""
     run = start(deck, out, *LONG, *words)
     assert run.stdout is not None
     while "step   1/" not in (line := run.stdout.readline()):
@@ -72,7 +72,7 @@ def test_python_claims_a_folder_against_the_executable(deck: Path, tmp_path: Pat
 
 
 def told(out: Path, name: str = "summary.json") -> tuple[bool, str, str]:
-    """What a script reads first of a folder."""
+    """The entries that a script reads first in a folder."""
     summary = json.loads((out / name).read_text())
     return summary["converged"], summary["verdict"]["state"], summary.get("message", "")
 
@@ -84,7 +84,7 @@ def good(deck: Path, tmp_path: Path) -> Path:
     return out
 
 
-#: What is asked behind a good solve, and what it says of itself
+#: Requests that fail after a good solve, with exit status and message
 FAILURES = {
     "not converged": (("solver.max_iterations=1", "load.max_halvings=0"), 1, "did not converge"),
     "misspelt": (("load.stps=3",), 2, "load.stps: unknown key"),
@@ -129,7 +129,7 @@ def test_a_killed_run_leaves_no_summary_of_another(deck: Path, good: Path) -> No
     assert solve(deck, good, "--set", "load.stps=3").returncode == 2
     assert (good / "results.journal").exists()
     assert files_of(good) == before and told(good, WAITING)[0]
-    # killed between both names, or removed by hand
+    # killed between both renames, or removed by hand
     (good / "summary.json").unlink()
     assert solve(deck, good).returncode == 0
     assert told(good)[0] and not (good / WAITING).exists()
@@ -205,7 +205,7 @@ def test_the_summary_of_a_refused_deck(
 @pytest.mark.slow
 @pytest.mark.parametrize("command", ["myork-solve", "myork solve", "myork run -q"])
 def test_no_reader_no_matter(deck: Path, tmp_path: Path, command: str) -> None:
-    """Output into a pipe whose reader has gone: the run goes on and its results are written."""
+    """Output into a pipe whose reader has gone: the run continues and its results are written."""
     out = tmp_path / "out"
     words = {
         "myork-solve": [find_executable(), deck, "-o", out, "-t", "1", "-v"],
@@ -243,7 +243,7 @@ def test_a_solve_ends_with_its_command(deck: Path, tmp_path: Path, loudness: str
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["link", "pipe", "second name"])
 def test_output_does_not_follow_names(deck: Path, tmp_path: Path, how: str) -> None:
-    """A link in place of an output would have its target written over by whoever runs."""
+    """With a link in place of an output, its target would be overwritten by the user's run."""
     out, theirs = tmp_path / "out", tmp_path / "theirs"
     out.mkdir()
     theirs.write_text("theirs")

@@ -1,4 +1,4 @@
-"""Runs that go on where another one ended, and runs that start from its states."""
+"""Runs that continue an interrupted run, and runs that start from states of another."""
 
 import random
 import shutil
@@ -56,7 +56,7 @@ def history(out: Path) -> list[str]:
 
 
 def assert_equal(out: Path, whole: Path) -> None:
-    """The same states, to the tolerance of the solver; its iterations begin without a secant."""
+    """The same states, to the tolerance of the solver; the iterations begin without a secant."""
     ours, theirs = (datasets(folder) for folder in (out, whole))
     assert ours.keys() == theirs.keys()
     for name, values in theirs.items():
@@ -104,7 +104,7 @@ FORMS = {
     "incompressible": {"material": [{**RUBBER["material"][0], "K": float("inf")}]},
     "halved": {"solver": {"max_iterations": 3}},
     "minres": {"scene": {"dimension": 3, "method": "rkpm-scni"}, "galerkin": {"direct_limit": 0}},
-    # rates that jump
+    # rates with jumps
     "programme": {
         "amplitude": [{"name": "there", "time": [0, 0.4, 1], "value": [0, 1, 1]}],
         "boundary": [held("z0"), held("z1", u_x=0.3, u_z=0.3, amplitude="there")],
@@ -115,7 +115,7 @@ FORMS = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FORMS)
 def test_every_form_is_resumed(tmp_path, write_deck, name):
-    """A run is stopped behind its third load step, as soon as its journal has that one."""
+    """A run is stopped after its third load step, as soon as this is in its journal."""
     deck = write_deck({**RUBBER, **FORMS[name]})
     run(deck, tmp_path / "whole")
     for number in (signal.SIGKILL, signal.SIGTERM):
@@ -132,7 +132,7 @@ def test_a_finished_run_is_read_again(tmp_path, write_deck):
     shutil.copytree(tmp_path, whole := tmp_path / "whole")
     assert "resumed after load step 6" in run(deck, tmp_path, "--resume")
     assert_equal(tmp_path, whole)
-    # of a torn journal, and of one whose end a disk without power has lost, the whole steps count
+    # of a torn journal, and of one whose end was lost in a power cut, the complete steps are used
     journal = tmp_path / "results.journal"
     states = journal.read_bytes()
     for torn in (states[: -len(states) // 4], states[:-100] + bytes(100)):
@@ -146,13 +146,13 @@ def test_a_finished_run_is_read_again(tmp_path, write_deck):
         journal.write_bytes(damaged)
         child = start(deck, tmp_path, "--resume", "--no-error")
         assert child.communicate() and child.returncode == 2
-    # a run that was killed before it had solved anything begins anew, and that is no secret
+    # a run that was killed before it had solved anything begins anew, and says so
     journal.write_bytes(states[:16])
     assert "no load step to resume" in run(deck, tmp_path, "--resume", "--no-error")
 
 
 def test_another_deck_is_refused(tmp_path):
-    """Where there is nothing to resume a run begins at rest."""
+    """Without anything to resume, a run begins at rest."""
     assert run_deck(RUBBER, tmp_path, threads=1, resume=True, error=False)["converged"]
     said, seven = r"another deck: it was solved without --set", ["load.steps=7"]
     refuses(said, run_deck, RUBBER, tmp_path, overrides=seven, resume=True)
@@ -162,7 +162,7 @@ def test_another_deck_is_refused(tmp_path):
 
 @pytest.mark.slow
 def test_a_state_is_where_another_run_starts(tmp_path):
-    """A body has no memory: from there and from rest the same state is found."""
+    """A body has no memory: from that state and from rest the same state is found."""
     run_deck(RUBBER, tmp_path / "first", threads=1, error=False)
     file, same = tmp_path / "first" / "results.vtkhdf", {**RUBBER, "load": {"steps": 1}}
     further = same | {"boundary": [held("z0"), held("z1", u_x=0.3, u_z=0.35)]}
@@ -173,7 +173,7 @@ def test_a_state_is_where_another_run_starts(tmp_path):
     expected = rest["steps"][-1]["probes"]["force"]
     for summary in (near, earlier):
         assert summary["steps"][-1]["probes"]["force"] == pytest.approx(expected, rel=1e-5)
-    # where the loads are those of the state it is confirmed, and nothing else
+    # with the loads of the state it is confirmed, without further iterations
     with Results(file) as results, Scene.from_tables(same, threads=1) as scene:
         last = results.restart()
         for begin in (file, f"{file}:6", last, last.coefficients):
@@ -220,7 +220,7 @@ def test_two_programmes_are_the_long_one(tmp_path, method):
 
 
 def test_a_programme_begins_at_equilibrium_with_what_it_prescribes():
-    """A start with other loads is brought to those of load time 0; one that is none is left out."""
+    """A start with other loads is brought to those of load time 0, or left out if there is none."""
     tables = programme([1, 0.5], [1, 0], 1, "rkpm-gauss")
     with Scene.from_tables(tables, threads=1) as scene:
         rest = scene.solve(error=False).x
@@ -272,7 +272,7 @@ def test_both_commands_know_the_options(tmp_path, write_deck):
 
 @pytest.mark.slow
 def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
-    """A killed run goes on with the points it had found, whatever a search would find now."""
+    """A killed run continues with the points it had found, whatever a new search would find."""
     wanted = {"accuracy": 0.01, "cost": 60.0}
     deck = write_deck({**RUBBER, "load": {"steps": 12}, "refine": wanted})
     said = run(deck, tmp_path / "whole")
@@ -285,7 +285,7 @@ def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     assert_equal(out, tmp_path / "whole")
     found, before = (read_summary(folder)["refine"] for folder in (out, tmp_path / "whole"))
     assert found["met"] and before["met"] and not found["levels"]
-    # and a run that ended is read again; another wish is another deck
+    # a finished run is read again; another request is another deck
     assert "refine 1:" not in run(deck, out, "--resume")
     child = start(deck, out, "--resume", "--set", "geometry.source=[5,5,5]")
     assert "another deck: it was solved with --set geometry" in child.communicate()[0]

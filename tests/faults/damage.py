@@ -1,6 +1,6 @@
 """Damage to the bytes of any file, as small edits that hypothesis finds, prints and shrinks.
 
-An edit is (what is done, where, with what). Places beyond the end count on from the beginning.
+An edit is (kind, position, argument). Positions beyond the end wrap around to the beginning.
 """
 
 import io
@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 Edit = tuple[str, int, Any]
 Way = Callable[[bytes, int, Any], bytes]
 
-#: Texts in the place of others, and how often they stand there
+#: Replacement texts, and their number of repetitions
 ODD = [
     *((text, 1) for text in (
         b"nan", b"inf", b"-inf", b"1e300", b"-1e300", b"1e-300", b"1e999", b"0", b"-0.0", b"-1",
@@ -29,7 +29,7 @@ ODD = [
 ]  # fmt: skip
 REALS = (np.nan, np.inf, -np.inf, -1.0, 0.0, 0.5, 1e6, 1e19, 1e300, -1e300, 1e-300)
 WHOLES = (-1, 0, 1, 2, 7, 64, 1000, 2**15 - 1, -(2**31), 2**31 - 1)
-#: What stands in the place of an array; None where nothing does
+#: Replacements of an array; None removes it
 ARRAYS: dict[str, Callable[[np.ndarray], Any]] = {
     "missing": lambda v: None,
     "empty": lambda v: v[:0],
@@ -57,7 +57,7 @@ ARRAYS: dict[str, Callable[[np.ndarray], Any]] = {
     **{kind: lambda v, kind=kind: v.astype(kind) for kind in (
         "f2", "f4", ">f8", "f16", "i1", "i4", "i8", "u8")},
 }  # fmt: skip
-#: What is done to an array as a whole
+#: Changes to an array as a whole
 MOVES = ("compressed", "exchanged", "group", "one more array")
 _TEXT_ENDS = re.compile(rb"[^\t-\r -~\x80-\xff]")
 
@@ -70,7 +70,7 @@ def damaged(content: bytes, edits: Sequence[Edit]) -> bytes:
 
 
 def _at(new: Callable[[bytes, Any], bytes], length: Callable[[Any], int]) -> Way:
-    """Other bytes in the place of so many that stand there."""
+    """Edit that replaces a number of bytes at a position."""
 
     def put(content: bytes, place: int, what: Any) -> bytes:
         at = place % len(content)
@@ -81,7 +81,7 @@ def _at(new: Callable[[bytes, Any], bytes], length: Callable[[Any], int]) -> Way
 
 
 def _odd(pattern: bytes) -> Way:
-    """Put something odd in the place of what is found in the text before any other bytes."""
+    """Edit that replaces the next match of a pattern in the text by something odd."""
 
     def put(content: bytes, place: int, what: tuple[bytes, int]) -> bytes:
         text = _TEXT_ENDS.split(content, maxsplit=1)[0]
@@ -93,7 +93,7 @@ def _odd(pattern: bytes) -> Way:
 
 
 def _lines(content: bytes, place: int, what: tuple[int, int]) -> bytes:
-    """Move some lines to another place; to none, if it is far away."""
+    """Move some lines to another place; delete them if it is far away."""
     lines, (number, to) = content.splitlines(keepends=True), what
     at = place % len(lines)
     moved, lines[at : at + number] = lines[at : at + number], []
@@ -101,7 +101,7 @@ def _lines(content: bytes, place: int, what: tuple[int, int]) -> bytes:
 
 
 def _array(content: bytes, place: int, what: str | tuple[int, float]) -> bytes:
-    """Another array in a file of HDF5 or an archive of NumPy, another number in one, or none."""
+    """Replace an array in an HDF5 file or NumPy archive, change one number of it, or remove it."""
     stream, changed = io.BytesIO(content), io.BytesIO()
     try:
         if content.startswith(b"PK"):
@@ -129,12 +129,12 @@ def _array(content: bytes, place: int, what: str | tuple[int, float]) -> bytes:
                     file.create_group(name)
                 elif what == "compressed":
                     file.create_dataset(name, data=values, compression="gzip")
-                elif what == "beyond" and values.ndim > 1:  # more than there is on any disk
+                elif what == "beyond" and values.ndim > 1:  # more than any disk holds
                     file.create_dataset(name, (2**40, 8), chunks=(1000, 8), dtype=float)
                 elif (new := _other(values, what)) is not None:
                     file[name] = new
         return stream.getvalue()
-    except Exception:  # other edits left no such file, or there is no such array
+    except Exception:  # earlier edits destroyed the file, or the array is missing
         reject()
 
 
@@ -159,11 +159,11 @@ _WAYS: dict[str, Way] = {
     "value": _odd(rb"(?<=[=:])[^\n]+"),
     "lines": _lines,
     "array": _array,
-    # what a table of known damage names
+    # whole files from the tables of known damage
     "all": lambda content, _, what: what,
 }
 
-#: The same damage in every run; what is found is made as small as possible and not kept
+#: The same damage in every run; failures are shrunk and not stored
 SETTINGS = settings(
     derandomize=True, database=None, deadline=None, report_multiple_bugs=False,
     suppress_health_check=list(HealthCheck), phases=[Phase.generate, Phase.shrink],

@@ -55,13 +55,13 @@ def disc() -> np.ndarray:
 
 
 def segmented(**files: Path) -> dict[str, Any]:
-    """Deck of two regions, which take some tenths of a second."""
+    """Deck of two regions, which takes some tenths of a second."""
     image = {"tolerance": 0.1, **{key: str(path) for key, path in files.items()}}
     return {"scene": {"dimension": 3}, "image": image, "bias": {"method": "none"}}
 
 
 def explained(deck: Path, *words: str) -> subprocess.CompletedProcess[str]:
-    """The executable ends well as well."""
+    """The executable also stops cleanly."""
     done = subprocess.run(
         [find_executable(), deck, "--explain", "-o", deck.parent,
          *(word for text in words for word in ("--set", text))],
@@ -90,7 +90,7 @@ def read_cloud(path: Path) -> None:
 def read_grey(path: Path) -> None:
     image = read_image(path)
     assert np.isfinite(image.data).all()
-    if path.suffix == ".gz":  # check sums have seen any other change
+    if path.suffix == ".gz":  # the checksum detects any other change
         assert np.array_equal(image.data, disc())
 
 
@@ -114,22 +114,22 @@ def read_states(path: Path) -> None:
 
 
 def use_rom(path: Path) -> None:
-    """What it reads answers: the checksum has seen any other change."""
+    """A model that is read gives answers: the checksum detects any other change."""
     rom = ReducedModel.load(path, threads=1)
     assert rom.solve(**{p.key: 0.5 * (p.low + p.high) for p in rom.parameters}).converged
 
 
-#: What the executable does not read or limits, labels beyond 32 bits, which no material has, names
-#: that no condition finds, which it takes as they are, and columns without names
+#: Faults that the executable does not read or check, labels beyond 32 bits, which no material has,
+#: names that match no condition, which it accepts, and columns without names
 ALONE = ("source_images", "label_names", "label'", "length_unit", "'utf-8' codec", "null character",
          "'fraction' has shape")  # fmt: skip
 FORMS = ("rkpm-scni", "rkpm-gauss", "rkcm")
 
 
 def solve_model(path: Path) -> None:
-    """Python and the executable take a model, or both refuse it; what they take is solved."""
+    """Python and the executable both accept a model or both refuse it; accepted ones are solved."""
     content, deck = path.read_bytes(), path.with_suffix(".toml")
-    # collocation does not know the slopes of activations
+    # collocation needs slopes of activations, which it does not have
     forms = FORMS[: 2 if path.stem == "active" else 3]
     form = forms[zlib.crc32(content) % len(forms)]
     words = [f"scene.method={form}", f"geometry.file={path}"]
@@ -152,7 +152,7 @@ def solve_model(path: Path) -> None:
 
 read_lines = partial(read_tracts, to_mm=1.0)
 
-#: Folder of each kind: what reads its files, and damage to them
+#: For each kind: the function that reads its files, and damage to them
 KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "deck": (read_deck, BYTES | TEXT), "model": (read_cloud, BYTES), "rom": (use_rom, BYTES),
     "voxels": (solve_model, ARRAY), "nifti": (read_grey, BYTES), "gzip": (read_grey, BYTES),
@@ -161,15 +161,15 @@ KINDS: dict[str, tuple[Callable[[Path], Any], st.SearchStrategy[Edit]]] = {
     "states": (read_states, BYTES | ARRAY), "summary": (make_report, BYTES | TEXT),
     "results": (make_report, BYTES | ARRAY),
 }  # fmt: skip
-#: Kinds that are read as a folder, kinds that take longer, and files that stand beside the damaged
+#: Kinds read as a folder, slower kinds, and files that accompany the damaged one
 FOLDERS = ("dicom", "summary", "results")
 SHARE = {"rom": 4, "voxels": 4, **dict.fromkeys(FOLDERS, 10)}
 PAGE = "report.html"  # written into the folder that is read
 BESIDE = ("model/deck.toml", "names/sound.nii",
           "voxels/plain.toml", "voxels/active.toml", "voxels/both.toml")  # fmt: skip
-#: Cases of a kind in the nightly tests; 4000 are a thousand of a model
+#: Nightly cases of a kind; 4000 are a thousand of a model
 CASES = int(os.environ.get("MYORK_CASES", "400"))
-#: Kinds of which no part may be missing without notice
+#: Kinds in which a missing part must always be noticed
 WHOLE = ("model", "nifti", "dicom", "tracts", "states", "results")
 
 
@@ -210,7 +210,7 @@ def sound(tmp_path_factory: pytest.TempPathFactory, voxel_rom: Path) -> Path:
 
 @pytest.fixture(scope="module", autouse=True)
 def little_memory() -> Iterator[None]:
-    """What asks for more memory than this fails here, and not the machine."""
+    """Larger allocations fail here, without affecting the machine."""
     before = resource.getrlimit(resource.RLIMIT_AS)
     resource.setrlimit(resource.RLIMIT_AS, (16 << 30, before[1]))
     yield
@@ -218,7 +218,7 @@ def little_memory() -> Iterator[None]:
 
 
 def refusal(path: Path, edits: Sequence[Edit]) -> str:
-    """What is said of a damaged file, nothing where it is read; the sound one is there again."""
+    """Error message for a damaged file, empty if it is read; restores the sound file."""
     content, kind = path.read_bytes(), path.parent.name
     path.write_bytes(damaged(content, edits))
     try:
@@ -249,7 +249,7 @@ def test_any_damage(sound: Path, kind: str, count: int) -> None:
     for path in paths:
         assert not refusal(path, []), path
     ends_well()
-    # not every number matters
+    # not every number has an effect
     assert any(refused) and (count < 400 or kind != "voxels" or not all(refused))
 
 
@@ -263,7 +263,7 @@ def lines(points: np.ndarray, offsets: list[float]) -> list[Edit]:
 
 
 LINES = np.column_stack([np.zeros((7, 2)), np.linspace(-30.0, 30.0, 7)])
-#: Damage to the file of a kind, and what is said of it
+#: Damage to the file of a kind, and the message
 ONCE: list[tuple[str, list[Edit], str]] = [
     ("dicom/1.dcm", [("cut", 140, None)], "has no data behind its header"),
     *(("names/sound.json", text(names), "must contain|twice") for names in (
@@ -333,7 +333,7 @@ def test_impossible_values(tmp_path: Path, key: str, values: np.ndarray, message
     assert str(tmp_path) in said
 
 
-# ---- models, words, memories and environments on which the executable ended badly once -----------
+# ---- models, words, memories and environments on which the executable once crashed ---------------
 
 
 PATIENCE = 60
@@ -356,13 +356,13 @@ def model(tmp_path: Path) -> Path:
 
 
 def limited(size: int) -> dict[str, Callable[[], None]]:
-    """Words of a process that has so much address space [bytes]."""
+    """Options of a process with a limited address space [bytes]."""
     return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_AS, (size, size))}
 
 
 @pytest.mark.slow
 def test_many_names_take_little_memory(model: Path) -> None:
-    """20,000 names, each of which took the room of all of them: 4 GB."""
+    """20,000 names, each of which once took the space of all of them: 4 GB."""
     names = "z0\nz1\n" + "\n".join(f"set {i}" for i in range(20_000))
     with h5py.File(model / "model.h5", "r+") as file:
         del file["set_names"]
@@ -440,7 +440,7 @@ def test_words_of_the_executable(model: Path, words: list[str], message: str) ->
 
 
 def test_texts_of_a_deck() -> None:
-    """A null character cut a text; half a megabyte took 15 s."""
+    """A null character truncated a text; half a megabyte took 15 s."""
     for tables, said in (
         ({"title": "a\0b"}, r"title: must not contain the character .u0000"),
         ({"title": "x" * 500_000}, "title: must not be longer than 4096 bytes, not 500000"),
@@ -455,7 +455,7 @@ def test_little_memory_is_refused_at_once(model: Path) -> None:
         assert done.returncode == 2 and "ulimit -v" in done.stderr
 
 
-# ---- signals and full disks: an earlier result stays whole, whoever wrote it ---------------------
+# ---- signals and full disks: an earlier result is kept whole, whoever wrote it -------------------
 
 
 COMMANDS = ("solve", "rom", "segment", "build", "report")
@@ -502,7 +502,7 @@ def ended(run: subprocess.Popen[str], *codes: int) -> str:
 
 
 def assert_whole(earlier: Path, out: Path) -> None:
-    """Every file of the earlier result is there, as it was, set aside, or new and whole."""
+    """Every file of the earlier result is there: unchanged, set aside, or new and whole."""
     for path in sorted(path for path in earlier.iterdir() if path.is_file()):
         now = out / path.name
         places = (now, out / WAITING)
@@ -537,7 +537,7 @@ def test_a_signal_at_any_moment(place: Path, tmp_path: Path, name: str) -> None:
         run = start(place, name, out)
         time.sleep(wait)
         run.send_signal(kind)
-        # 3 where a library was loading; a signal where there was no handler yet, or Python passes
+        # 3 while a library was loading; a signal if there was no handler yet, or Python passes
         # on the interrupt that it makes of each
         try:
             ended(run, 0, 1, 2, 3, -kind, 128 + kind, -signal.SIGINT)
@@ -550,7 +550,7 @@ def test_a_signal_at_any_moment(place: Path, tmp_path: Path, name: str) -> None:
 @pytest.mark.nightly
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_full_disk(place: Path, tmp_path: Path, name: str) -> None:
-    """Limits on the size of files stand for full disks."""
+    """Limits on the file size simulate full disks."""
     for size in np.geomspace(1, 3e5, 6).astype(int).tolist():
         out = tmp_path / str(size)
         shutil.copytree(place / name, out)
@@ -561,6 +561,6 @@ def test_a_full_disk(place: Path, tmp_path: Path, name: str) -> None:
 
 @pytest.mark.slow
 def test_no_array_of_a_model_lies_in_another_file(sound: Path) -> None:
-    """Python and the executable refuse the link, also of arrays that a model may lack."""
+    """Python and the executable refuse the link, also for optional arrays of a model."""
     for number in range(12):
         assert refusal(sound / "voxels" / "active.h5", [("array", number, "another file")]), number

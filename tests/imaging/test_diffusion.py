@@ -1,4 +1,4 @@
-"""Tensors of diffusion images: against DIPY, against truth, in any frame; command and maps."""
+"""Tensors from diffusion images: compared with DIPY and truth, in any frame; command and maps."""
 
 import numpy as np
 import pytest
@@ -59,7 +59,7 @@ def test_bad_signals_give_no_tensor_and_change_no_other(series):
 
 
 def test_a_table_in_another_order_is_doubted(phantom):
-    """Directions of other images, at any noise; not those with a flipped axis, nor seven images."""
+    """Exchanged directions raise a doubt at any noise; a flipped axis or seven images do not."""
     for directions, snr in ((12, 5.0), (30, 25.0)):
         dwi, table = phantom_dwi(phantom, snr=snr, directions=directions)
         assert not diffusion.order_doubt(dwi, table)
@@ -98,7 +98,7 @@ def test_axes_of_the_file_do_not_change_the_fibers(phantom, series, tmp_path):
         write_gradients(tmp_path, "a", table, image.affine)
         found.append(read_tensors(keys, tmp_path).tensor)
     inside = turned(phantom.tissue).data == 1
-    # Files hold single precision; tensors are of the size 2e-3.
+    # Files are in single precision; tensors are of order 2e-3.
     np.testing.assert_allclose(
         found[1].data[inside], turned(found[0]).data[inside], atol=1e-5 * 2e-3
     )
@@ -156,7 +156,7 @@ def test_the_right_axes_raise_no_doubt(calf):
     assert check_orientation(nothing, calf.truth) == ([], "", "")
 
 
-# What mends a table is the inverse of what damaged it.
+# The correction of a table is the inverse of the error.
 @pytest.mark.parametrize(("damaged", "mended"), [
     ("-x y z", "-x y z"), ("x -y z", "x -y z"), ("x y -z", "x y -z"), ("x z y", "x z y"),
     ("y -x z", "-y x z"),
@@ -176,7 +176,7 @@ def test_without_names_walls_tell_the_long_axis_but_not_flips(calf):
     for axes in ("x z y", "z y x"):
         found = check_orientation(wrong(calf, axes), muscles)
         assert "fibers cross the walls of muscles" in found.doubt and found.remark == ""
-        # Nothing parts the mended table from one with the two axes across exchanged as well.
+        # The corrected table cannot be distinguished from one with both transverse axes exchanged.
         said = found.doubt.split('image.gradient_axes = "')[1].split('"')[0]
         assert said.replace("-", "") in (axes, "z x y", "y z x")
 
@@ -185,7 +185,7 @@ def test_without_names_walls_tell_the_long_axis_but_not_flips(calf):
 @pytest.mark.parametrize("pennation", [0.5, 1.0, 1.4])
 @pytest.mark.parametrize("slices", [(4, 8.0), (9, 10.0)])
 def test_right_tables_of_short_and_pennate_muscles_raise_no_doubt(pennation, slices):
-    """Tracts of these are up to three times as long along wrong axes."""
+    """Their tracts are up to three times as long along wrong axes."""
     n, h = slices
     calf = make_phantom((58, 58, n), (2.0, 2.0, h), pennation=pennation)
     for labels in ([3], [1], [1, 2, 3, 4, 5, 6]):
@@ -205,13 +205,13 @@ def test_outlines_that_end_before_the_image_are_no_walls():
         check_orientation(Image(inside[..., np.newaxis] * way, affine), muscle)
         for way in (along, along[::-1])
     )
-    # all around, the mean square of the cosine to the walls' normals is half that of the lean
+    # all around, the mean squared cosine to the wall normals is half that of the inclination
     assert right.evidence[0].crossing == pytest.approx(0.5 * np.sin(lean) ** 2, abs=0.03)
     assert right.doubt == "" and "swapped" in swapped.doubt
 
 
 def test_the_axes_are_those_of_the_diffusion_images(calf):
-    """Labels on voxels in another order do not rename what is to be exchanged."""
+    """The axes to exchange are named correctly for labels with another voxel order."""
     fibers, muscles = (with_axis_at(one, 2, 0) for one in (wrong(calf, "x z y"), calf.truth))
     doubt = check_orientation(fibers, muscles, calf.truth.affine).doubt
     assert 'image.gradient_axes = "x z y"' in doubt

@@ -1,4 +1,4 @@
-"""Water and fat of two and more echoes, and what several channels show, against the truth."""
+"""Water and fat from two or more echoes, and segmentation by several channels, against truth."""
 
 import json
 from functools import partial
@@ -21,7 +21,7 @@ SPACING = np.array([1.5, 1.5, 6.0])
 def legs(times, strength, *, snr=25.0, turns=1.4, seed=1, rim=5.0):
     """Two legs: fat under the skin, muscle, and marrow of fat behind a dark ring.
 
-    The phase between the echoes runs over `turns` turns across both, and bends.
+    The phase between the echoes varies by `turns` turns across both, nonlinearly.
     """
     i, j, k = np.indices((140, 64, 3))
     water, fat = np.zeros((2, *i.shape))
@@ -41,7 +41,7 @@ def legs(times, strength, *, snr=25.0, turns=1.4, seed=1, rim=5.0):
 
 
 def decayed(times, strength, *, snr=25.0, hertz=60.0, decay=(30.0, 60.0), rim=5.0, seed=1):
-    """Echoes of the legs whose water and fat decay [1/s] in an uneven field; truth of all."""
+    """Echoes of the legs with decaying water and fat [1/s] in an uneven field; truth of all."""
     _, water, fat, _ = legs(None, 0.0, rim=rim)
     i, j, k = np.indices(water.shape)
     turn = 2e-3 * np.pi * hertz * (i / 70.0 - 1.0 + 0.5 * np.sin(j / 14.0) + 0.1 * k)
@@ -56,7 +56,7 @@ def decayed(times, strength, *, snr=25.0, hertz=60.0, decay=(30.0, 60.0), rim=5.
 
 
 def scores(found, water, fat):
-    """Dice of water and of fat, and how alike their shares are."""
+    """Dice of water and of fat, and the agreement of their fractions."""
     body, true, mine = water + fat > 0.5, fat > water, found.fraction > 0.5
     return (
         dice(~mine & body, ~true & body),
@@ -84,25 +84,25 @@ def test_amounts_without_noise_are_exact():
     times = ((2.3, 4.6), 1.5)
     (one, two), water, fat, _ = legs(*times, snr=1e9, turns=0.0)
     found = separate(one, two, water + fat > 0, spacing=SPACING, factors=fat_factors(*times))
-    # What is left is the average of a phase that bends.
+    # The rest is due to averaging a curved phase.
     np.testing.assert_allclose([found.water, found.fat], [water, fat], atol=0.02)
 
 
 def test_echoes_in_the_wrong_order_are_reported():
-    """Fat of muscle, 30 % of it, is dark in opposed phase, which no mixture is in phase."""
+    """Fat in muscle (30 %) is dark in opposed phase, which no mixture is in phase."""
     (one, two), water, fat, _ = legs(None, 0.0)
     mixed, body = [one, two - (water > 0.9) * 0.6 * two], water + fat > 0
     assert not separate(*mixed, body, spacing=SPACING).doubt
     doubt = separate(*mixed[::-1], body, spacing=SPACING).doubt
     assert "with the echoes swapped" in doubt and "dixon.echo_times" in doubt
-    # what lies under the skin decides, and is named where there is nothing
+    # the fat under the skin decides; without any, there is a doubt
     (one, two), water, fat, _ = legs(None, 0.0, rim=0.0)
     bare = separate(one, two, water + fat > 0, spacing=SPACING)
     assert "fractions differ by" in bare.doubt and "are swapped" in bare.doubt
 
 
 def test_echoes_at_which_fat_turns_by_few_degrees():
-    """At 3 T echoes after 2.3 and 4.6 ms are both in phase; 15 degrees are too few, 27 few."""
+    """At 3 T echoes at 2.3 and 4.6 ms are both in phase; 15 degrees are too few, 27 are few."""
     (one, two), water, fat, _ = legs((2.3, 4.6), 1.5)
     parts = partial(separate, one, two, water + fat > 0, spacing=SPACING)
     alike, few, more = (
@@ -149,7 +149,7 @@ def test_what_cannot_be_separated_is_refused():
     ((1.1, 1.9, 2.7), 3.0), ((1.2, 2.0, 3.1, 4.0), 3.0),
 ])  # fmt: skip
 def test_many_echoes_part_what_two_do_not(times, strength, rim):
-    """Under thin skin fat two echoes are exchanged, with a doubt; many are right without one."""
+    """With little fat under the skin two echoes are exchanged, with a doubt; many are right."""
     echoes, water, fat, rate = decayed(times, strength, rim=rim)
     affine = np.diag([*SPACING, 1.0])
     images = [[Image(f(x), affine) for x in echoes] for f in (np.abs, np.angle)]
@@ -169,7 +169,7 @@ def test_many_echoes_part_what_two_do_not(times, strength, rim):
 
 @pytest.mark.slow
 def test_phases_that_wrap_between_echoes_of_a_strong_shim_error():
-    """200 Hz either way: turns over the gap of the pair."""
+    """200 Hz either way: several turns over the interval of the pair."""
     times = (1.3, 2.9, 4.2, 5.6)
     echoes, water, fat, _ = decayed(times, 3.0, hertz=200.0, snr=15.0, seed=9)
     keys = {"spacing": SPACING, "factors": fat_factors(times, 3.0)}
@@ -177,7 +177,7 @@ def test_phases_that_wrap_between_echoes_of_a_strong_shim_error():
     assert min(scores(found, water, fat)) >= 0.98 and not found.doubt
 
 
-# ---- several grey channels see what one image does not show --------------------------------------
+# ---- several grey channels separate what one image does not --------------------------------------
 
 
 SIZE = (48, 48, 3)
@@ -185,7 +185,7 @@ AFFINE = np.diag([1.5, 1.5, 6.0, 1.0])
 
 
 def halves(seed=1):
-    """A disc whose halves are alike in the anatomy and differ in a second image."""
+    """A disc whose halves are equal in the anatomy and differ in a second image."""
     i, j, _ = centred(*SIZE)
     disc = np.hypot(i, j) < 20
     truth = np.where(disc, np.where(i + 4 * np.sin(j / 5.0) < 0, 1, 2), 0).astype(np.int32)
@@ -239,12 +239,12 @@ def test_channels_count_by_their_noise(folder):
     assert noise_weight(0.02, 0.04) == pytest.approx(0.25)
     assert noise_weight(1.0, 1e-3) == 16.0 and noise_weight(1e-3, 1.0) == 1.0 / 16.0
     assert noise_weight(0.0, 1.0) == noise_weight(1.0, 0.0) == 1.0
-    # channels belong to an anatomy
+    # channels need an anatomy
     refuses("image.channels needs image.anatomy", run, folder, {"channels": ["t2.nii.gz"]})
 
 
 def echoes(folder):
-    """A leg of muscle under fat, in two echoes whose phases wrap, in files; truth of both."""
+    """A leg of muscle under fat, in two echoes with wrapped phases, in files; truth of both."""
     i, j, _ = centred(64, 64, 5)
     r, bone = np.hypot(i, j), np.hypot(i, j - 6)
     kind = np.select([r > 29, r > 21, bone > 7, bone > 4], [0, 2, 1, 3], 4)
@@ -273,14 +273,14 @@ def test_echoes_become_water_fat_and_tissue(tmp_path):
     record = summary["segmentation"]
     assert record["maps"] == {"fat": "fat.nii.gz", "fat_fraction": "fat_fraction.nii.gz"}
     assert record["source"] == "m0.nii.gz" and not record["warnings"]
-    # Water alone shows no fat; the body and its regions reach under the skin all the same.
+    # Water alone does not show fat; the body and its regions still extend under the skin.
     assert (labels_in(out, "regions")[ring] > 0).mean() > 0.75
     assert dice(labels_in(out) == 1, inner) > 0.95
-    # Nothing is said of what the user takes from the body.
+    # There is no warning about voxels that the user takes from the body.
     save(tmp_path, AFFINE, inner=inner)
     segmented(tmp_path, "inner", image={**keys, "body": "inner.nii.gz"}, **tables)
     own = read_image(tmp_path / "inner" / "fat_fraction.nii.gz").data
-    assert not own[~inner].any() and (own[inner] > 0).mean() > 0.9  # noise below zero is cut
+    assert not own[~inner].any() and (own[inner] > 0).mean() > 0.9  # noise below zero is cut off
     # Half of the muscle holds 4 % of fat, half 17 %.
     assert record["labels"]["muscle"]["fat_fraction"] == pytest.approx(0.10, abs=0.02)
     tissue = read_labels(out / "tissue.nii.gz")
@@ -300,7 +300,7 @@ def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
     assert not segmented(tmp_path, image=keys)["segmentation"]["warnings"]
     assert (labels_in(out, "regions")[kind == 2] > 0).mean() > 0.75
     assert (out / "fat_fraction.nii.gz").exists()
-    # the fat of the folder itself is not deleted before it is read, and the dark of water is fat
+    # the folder's own fat is read before it is deleted, and the dark part of water is fat
     keys |= {"fat": str(out / "fat.nii.gz"), "phase": "dark"}
     (doubt,) = segmented(tmp_path, image=keys)["segmentation"]["warnings"]
     assert "of its signal is fat" in doubt and "image.phase should be 'bright'" in doubt

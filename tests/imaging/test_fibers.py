@@ -1,4 +1,4 @@
-"""Fibers: signs, frames, bad tensors, noise, flows where none were measured, numbers of muscles."""
+"""Fibers: signs, frames, bad tensors, noise, flow fibers without measurement, muscle numbers."""
 
 import csv
 import json
@@ -27,7 +27,7 @@ from myork.stations.solve import pcsa_force
 from tests.images import affine_of, angle, built, centred, phantom_dwi, save
 from tests.scenes import held, neo, probes, refuses, scene
 
-#: Voxels of thick slices [mm]
+#: Size of thick voxels [mm]
 SLICES = (1.5, 1.5, 5.0)
 
 
@@ -45,7 +45,7 @@ def halves(*shape):
 
 
 def rough(size, seed, alike):
-    """Noise of 40 x 40 x 8 tensors, smoothed within slices as where scanners interpolate."""
+    """Noise of 40 x 40 x 8 tensors, smoothed within slices like images interpolated by scanners."""
     noise = np.random.default_rng(seed).normal(0.0, size, (40, 40, 8, 6))
     return ndimage.gaussian_filter(noise, (alike, alike, 0.0, 0.0))
 
@@ -61,7 +61,7 @@ def test_bad_tensors_are_filled_and_counted_or_refused():
     data = np.tile(stick([0, 1, 3]), (6, 6, 3, 1))
     data[2, 2, 1], data[3, 3, 1], data[4, 4, 1] = np.nan, 0.0, -data[4, 4, 1]
     inside = np.ones((6, 6, 3), bool)
-    # Without smoothing nothing is near: the nearest voxel helps out, here a neighbour.
+    # Without smoothing the average has no reach: the nearest voxel is used, here a neighbour.
     for size, width, wanted in ((1.0, 1.0, [3, 0, 0.0, 1.0]), (2.0, 0.0, [3, 3, 2.0, 0.0])):
         fibers, *counts, _ = fiber_field(Image(data, affine_of(size)), inside, width)
         assert counts == wanted
@@ -74,7 +74,7 @@ def test_missing_fibers_come_from_their_own_muscle():
     labels = halves(12, 4, 3)
     data = np.where((labels == 1)[..., None], stick([0, 0, 1]), stick([1, 0, 0]))
     image = Image(data, np.eye(4), "dti.nii")
-    # A muscle without any tensor has those of its neighbour, and that is counted.
+    # A muscle without any tensor takes those of its neighbour, and this is counted.
     for gone, wanted, way in (
         (slice(3, 6), (36, 3.0), [0, 0, 1]),
         (slice(6), (72, 6.0), [1, 0, 0]),
@@ -93,7 +93,7 @@ def test_fibers_of_muscles_that_touch_keep_their_direction_up_to_the_border():
     image = Image(data, affine_of((1.0, 1.0, 4.0)))
     wanted = directions / np.linalg.norm([0.5, 1.0])
     assert angle(fiber_field(image, labels, 3.0).fibers.data, wanted).max() < 1e-4
-    # As one tissue they would turn by half of the angle between them, 27 degrees, at the border.
+    # As one tissue, they would turn at the border by half the angle between them, 27 degrees.
     mixed = fiber_field(image, labels > 0, 3.0).fibers.data
     assert angle(mixed, wanted)[5:7].min() > 15.0
 
@@ -106,7 +106,7 @@ def test_signs_of_vectors_do_not_matter():
     place = random.random((20, 3)) * [5, 5, 3]
     found = fibers_at_points(data, labels, place, np.ones(20, np.int32), (2, 2, 1))
     assert angle(found, direction).max() < 1e-5
-    # a hole in the fibers is named
+    # a hole in the fibers is reported
     data = np.zeros((20, 3, 3, 3))
     data[:2] = [0, 0, 1.0]
     labels = Labels(np.ones((20, 3, 3), np.int32), np.eye(4), {1: "soleus"})
@@ -126,7 +126,7 @@ def test_labels_do_not_mix_and_one_may_have_no_fibers():
 
 
 def bent(snr, radius=60.0, **keys):
-    """Calf whose fibers lie on arcs: angles of the fibers of its fitted tensors to the true ones,
+    """Calf whose fibers lie on arcs: angles between fitted and true fibers,
     by the width of the average, and its labels.
     """
     calf = make_phantom((96, 96, 7), (1.25, 1.25, 6.0), septum=0.0, growth=15.0, **keys)
@@ -151,7 +151,7 @@ def bent(snr, radius=60.0, **keys):
 @pytest.mark.slow
 @pytest.mark.parametrize(("snr", "mean"), [(25.0, 2.5), (50.0, 2.0)])
 def test_width_by_itself_is_right_up_to_the_edge(snr, mean):
-    """Fat and connective tissue among the fibers, and voxels of fat in a mask that is too large."""
+    """Fat and connective tissue among the fibers, and fat voxels in a mask that is too large."""
     wrong, inside = bent(snr, imat=0.03, imct=0.1)
     best = min(wrong(other)[0].mean() for other in (1.0, 2.0, 3.0, 4.0))
     assert wrong(None)[0].mean() <= 1.25 * best and 1.25 < wrong(None)[1] < 5.0
@@ -169,7 +169,7 @@ def test_noise_asks_for_a_wider_average_than_bends():
 
 @pytest.mark.parametrize("alike", [0.6, 0.9])
 def test_noise_of_neighbours_that_is_alike_does_not_choose_the_width(alike):
-    """Scanners interpolate: then each tensor is predicted best by the noise of its neighbours."""
+    """Scanners interpolate: then each tensor is best predicted by the noise of its neighbours."""
     direction = np.array([0.3, 0.0, 1.0]) / np.hypot(0.3, 1.0)
     clean = stick(direction) + 1e-3 * np.array([1, 1, 1, 0, 0, 0])
     image = Image(clean + rough(2e-4, 4, alike), affine_of(SLICES))
@@ -181,7 +181,7 @@ def test_noise_of_neighbours_that_is_alike_does_not_choose_the_width(alike):
 
 @pytest.mark.parametrize("alike", [0.0, 0.7])
 def test_bends_are_no_noise_of_neighbours(alike):
-    """Bent fibers are alike as well, but over any distance."""
+    """Bent fibers are correlated too, but over any distance."""
     x = (np.indices((40, 40, 8))[0] - 20.0) * 1.5
     way = np.stack([np.sin(x / 40.0), 0 * x, np.cos(x / 40.0)], axis=-1)
     full = 1e-3 * (way[..., :, None] * way[..., None, :] + 1.5 * np.eye(3))
@@ -196,7 +196,7 @@ def test_bends_are_no_noise_of_neighbours(alike):
 
 
 def herringbone(snr, seed, lean=0.4):
-    """Two families of fibers that lean against each other, one label; tensors with noise."""
+    """Two families of fibers inclined against each other, one label; tensors with noise."""
     x, y, _ = np.indices((30, 24, 12)) * np.reshape(SLICES, (3, 1, 1, 1))
     side = np.where(x < 21.0, lean, -lean)
     way = np.stack([side, 0 * side, np.ones_like(side)], -1) / np.hypot(lean, 1.0)
@@ -220,7 +220,7 @@ def test_families_of_fibers_in_one_label_are_not_blurred_into_each_other(snr, se
 
 
 def test_one_muscle_stays_one_family():
-    """Fibers that bend or lean one way alone: parting them makes predictions worse."""
+    """Fibers that bend or lean one way only: splitting them makes predictions worse."""
     image, inside, _ = herringbone(20.0, 3, 0.0)
     logarithm, usable = tensor_logarithms(image, inside > 0)
     trust = tensor_trust(logarithm, usable, inside)
@@ -228,7 +228,7 @@ def test_one_muscle_stays_one_family():
 
 
 def cone(top=72):
-    """A part of a cone with its tip at the origin and half a slope of 0.35; directions from it."""
+    """A truncated cone with its tip at the origin and a slope of 0.35; directions from the tip."""
     side = np.arange(60) - 29.5
     x, y, z = np.meshgrid(side, side, np.arange(40, top) + 0.5, indexing="ij")
     away = np.stack([x, y, z], axis=-1)
@@ -242,7 +242,7 @@ def test_flow_follows_a_muscle_that_grows_wider():
     assert not found[~inside].any()
     middle = inside.copy()
     middle[:, :, :8] = middle[:, :, -8:] = False
-    # the flow enters and leaves across the flat ends; between them it comes from the tip
+    # the flow enters and leaves through the flat ends; in between it comes from the tip
     straight = angle(np.array([0, 0, 1.0]), way)[middle].mean()
     assert angle(found, way)[middle].mean() < 0.25 * straight
 
@@ -251,7 +251,7 @@ def test_each_label_has_its_own_flow_in_any_orientation():
     data = np.zeros((40, 8, 30), np.int32)
     for k in range(30):
         data[k : k + 10, :, k] = 1
-    data[:6, :, 20:24] = 2  # apart from it, and only four slices long
+    data[:6, :, 20:24] = 2  # separate from it, and only four slices long
     labels = Labels(data, affine_of((1.0, 1.0, 2.0)))
     found = flow_fibers(labels).data
     leaning = np.array([0.5, 0, 1.0]) / np.hypot(0.5, 1.0)
@@ -270,7 +270,7 @@ def test_the_flow_runs_between_held_ends_or_along_the_muscle(ends, axis):
     bar = Labels(np.ones((24, 8, 10), np.int32), affine_of((2, 1, 1)))
     table = table_defaults("build") | {"flow": True, "source_stride": [2, 2, 2]}
     cloud, _ = build_cloud(bar, None, table, "mm", held=ends)
-    # of a prism: exact but for the residual of the potential
+    # for a prism: exact up to the residual of the potential
     assert angle(cloud.fiber, np.eye(3)[axis]).max() < 0.1
 
 
@@ -321,7 +321,7 @@ def test_a_label_without_a_name_has_that_of_its_material(tmp_path):
 # ---- numbers of muscles --------------------------------------------------------------------------
 
 
-# Thickness, distance of the ends along z and width of the body [mm], pennation; and what follows:
+# Thickness, offset of the ends along z and width of the body [mm], pennation; and the results:
 # ratio of z to y along the fibers and their length [mm]
 THICK, LONG, WIDE, LEAN = 16.0, 110.0, 30.0, np.radians(22.0)
 SLOPE, LENGTH = 1.0 / np.tan(LEAN), THICK / np.sin(LEAN)
@@ -348,7 +348,7 @@ def unipennate(turn=AXIAL, spacing=(1.0, 1.0, 1.0), ends=0.0):
 def test_a_plate_of_parallel_fibers(turn, spacing):
     labels, fibers = unipennate(turn, spacing)
     (found,) = muscle_numbers(labels, Maps(fibers))
-    # the long axis leans after the ends: that of the covariance of y and z
+    # the long axis is inclined like the ends: that of the covariance of y and z
     yy, yz, zz = np.array([0.0, 0.0, LONG**2 / 12]) + THICK**2 / 12 * np.array([1, SLOPE, SLOPE**2])
     volume, lean = THICK * LONG * WIDE, LEAN - 0.5 * np.arctan2(2 * yz, zz - yy)
     assert found.muscle == "plate" and not found.cut
@@ -385,7 +385,7 @@ def test_a_ball_has_no_long_axis_and_a_tight_box_cuts_no_muscle():
 
 @pytest.mark.parametrize(("flip", "turn"), [(1, 0), (-1, 0), (1, 1)])
 def test_sides_of_an_image_that_cut_a_muscle(flip, turn):
-    """A spindle whole, in its tightest box, and cut by two sides, whatever the order of voxels."""
+    """A spindle whole, in its tightest box, and cut by two sides, for any order of voxels."""
     x, y, z = centred(51, 51, 41)
     own = ((x / 18) ** 2 + (y / 14) ** 2 < 1 - (z / 30) ** 2).astype(np.int32)
     step = np.diag([flip, 1.0, 3.0, 1.0])
@@ -439,7 +439,7 @@ def test_build_writes_a_table_of_the_muscles(tmp_path):
     paths = {key: tmp_path / table[key] for key in ("labels", "fibers")}
     lines: list[str] = []
     build({"scene": {"dimension": 3}, "build": {**table, **paths}}, out, progress=lines.append)
-    for row in rows:  # why cells are empty is said
+    for row in rows:  # the reason for empty cells is given
         what = "its PCSA is" if row["fiber_length [mm]"] else "fiber length and PCSA are"
         assert f"{row['muscle']}: the image cuts it, so that {what} left out" in lines
     first = json.loads((out / "summary.json").read_text())["model"]["muscles"][0]

@@ -1,7 +1,7 @@
-"""From files to a force: folders in place of decks, files that decks name, `myork run` on bodies.
+"""From files to a force: folders in place of decks, files named by decks, `myork run` on bodies.
 
-The decks of inputs/images are run whole by `benchmarks/runner.py real_images`, for whoever has the
-data; here synthetic bodies take the place of their files.
+The decks of inputs/images are run completely by `benchmarks/runner.py real_images`, for users who
+have the data; here synthetic bodies replace their files.
 """
 
 import json
@@ -42,7 +42,7 @@ FIBER = np.array([0.0, np.sin(np.radians(20)), np.cos(np.radians(20))])
 
 
 def tree(folder, labels=True):
-    """A subject: T1 image of a leg, diffusion with fibers that lean by 20 degrees, labels."""
+    """A subject: T1 image of a leg, diffusion with fibers inclined by 20 degrees, labels."""
     for name in ("anat", "dwi"):
         (folder / name).mkdir(parents=True)
     r = np.hypot(*centred(40, 40, 6)[:2])
@@ -83,7 +83,7 @@ def test_a_bids_subject_without_labels_has_tissues(tmp_path):
     assert main(["segment", str(deck), "-q", "--out", str(tmp_path / "out")]) == 0
     for name in ("segmentation", "tissue"):
         picture = imread(tmp_path / "out" / f"{name}.png")
-        # grey is the image, coloured the contours
+        # the image is grey, the contours are coloured
         coloured = np.ptp(picture[..., :3], axis=-1) > 0.3
         assert 100 < coloured.sum() < 0.3 * coloured.size
     tissue = read_labels(tmp_path / "out" / "tissue.nii.gz")
@@ -92,7 +92,7 @@ def test_a_bids_subject_without_labels_has_tissues(tmp_path):
 
 
 def touched(*paths):
-    """Empty files in folders that are made."""
+    """Empty files in folders, which are created."""
     for path in paths:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
@@ -118,7 +118,7 @@ def test_a_folder_of_decks_is_no_folder_of_images(tmp_path):
 
 
 def test_runs_visits_and_tables_of_the_root(tmp_path):
-    """A tree as public ones are: visits, runs, acquisitions; tables that all images inherit."""
+    """A tree like public ones: visits, runs, acquisitions; tables inherited by all images."""
     study = tmp_path / "study"
     visit = study / "sub-01" / "ses-2"
     tree(visit, labels=False)
@@ -149,7 +149,7 @@ def test_runs_visits_and_tables_of_the_root(tmp_path):
 
 @pytest.mark.slow
 def test_a_dicom_folder(tmp_path):
-    """An anatomy, a localiser and a diffusion series in one folder, as they leave the scanner."""
+    """An anatomy, a localiser and a diffusion series in one folder, as exported by the scanner."""
     folder, table = tmp_path / "scan", gradient_table(6)
     tensor = 1e-3 * np.array([0.9, 1.1, 1.6, 0.1, -0.2, 0.3])
     values = weighted(np.full((16, 12, 3), 2000.0), tensor, table)
@@ -219,13 +219,13 @@ def test_missing_and_double_files_are_reported(deck, tmp_path):
 
 
 def test_the_command_reads_the_file_that_was_found(deck, tmp_path, capsys):
-    # The file is empty, and the message names it where it lies.
+    # The file is empty, and the message gives its path.
     assert main(["segment", str(deck), "--data", str(tmp_path / "data")]) == 2
     assert str(tmp_path / "data" / "first visit" / "t1.nii.gz") in capsys.readouterr().err
 
 
 def test_of_several_files_those_at_the_deck_stay_there(tmp_path, monkeypatch):
-    """The deck is named from elsewhere: its folder must not be put before its files twice."""
+    """The deck is called from another folder, which must not be prefixed to its files twice."""
     monkeypatch.chdir(tmp_path)
     touched(*(tmp_path / name for name in ("deck/t1.nii.gz", "deck/t2.nii.gz", "data/t3.nii.gz")))
     image = 'anatomy = "t1.nii.gz"\nchannels = ["t2.nii.gz", "t3.nii.gz"]\n'
@@ -258,12 +258,12 @@ def test_every_deck_of_real_images_goes_on_to_a_force(path):
     assert stations_of(values) == [*([] if surface else ["segment"]), "build", "solve"]
     assert values["load"]["activation"] == 0.3 and values["boundary"]
     assert values["probe"][0]["name"] == "force"
-    # fibers come from tracts, or the deck says how they are made
+    # fibers come from tracts, or the deck says how to make them
     assert ("tracts" in values["build"]) != values["build"]["flow"]
 
 
 def test_the_attachments_that_the_deck_of_labels_shows_are_right(tmp_path):
-    """Its last comment is a deck as well: a surface by its normals and bone, on springs."""
+    """Its last comment is also a deck: a surface by its normals and bone, on springs."""
     path = new_deck("labels", tmp_path / "deck.toml")
     before, shown = path.read_text().split("aponeuroses, which are compliant", 1)
     shown, after = shown.split("[load]", 1)
@@ -288,7 +288,7 @@ def run(name, data, *overrides):
 
 @pytest.mark.slow
 def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
-    """A slab whose fibers go from one face to the other, as mg_tracts.toml wants it."""
+    """A slab whose fibers run from one face to the other, as required by mg_tracts.toml."""
     lean = np.radians(20.0)
     way = np.arange(0, 90, 2.0)[:, None] * [np.sin(lean), 0.0, np.cos(lean)]
     pyvista.Box((-12, 12, -20, 20, 0, 120)).triangulate().save(tmp_path / "MG.stl")
@@ -296,7 +296,7 @@ def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
     points = (starts[:, None] + way).reshape(-1, 3)
     np.savez(tmp_path / "tracts_MG.npz", points=points, offsets=np.arange(301) * len(way))
     force, bar = run("mg_tracts", tmp_path, "build.slices=[1,28]", "build.voxel=[3,4,4]")
-    # fibers across a face carry it: stress, cosine along the leg, section across the fibers
+    # the fibers across a face carry it: stress, cosine along the leg, section across the fibers
     estimate = 0.3 * 30 * np.cos(lean) * np.sin(lean) * 4.0 * 11.2
     assert -force["force"] == pytest.approx(estimate, rel=0.35)
     sum_of_all = force["force"] + force["force_proximal"] + force["force_top"]
@@ -306,7 +306,7 @@ def test_a_pennate_muscle_between_two_aponeuroses(tmp_path):
 
 @pytest.mark.slow
 def test_muscles_of_a_slice_by_a_reference(tmp_path):
-    """Two dark muscles in a bright limb, one slice, as calf_reference.toml wants them."""
+    """Two dark muscles in a bright limb, one slice, as required by calf_reference.toml."""
     x, y, _ = centred(64, 64, 1)
     muscles = np.where((np.abs(x) < 18) & (np.abs(y) < 10), np.where(x < 0, 1, 2), 0)
     grey = np.select([muscles > 0, np.hypot(x, y) < 27], [70.0, 200.0], 2.0)
@@ -321,7 +321,7 @@ def test_muscles_of_a_slice_by_a_reference(tmp_path):
 
 @pytest.mark.slow
 def test_muscles_around_a_bone_that_grow_wider(tmp_path):
-    """Two cones with a hole, as the walks leave them to thighs.toml."""
+    """Two cones with a hole, as the walks pass them to thighs.toml."""
     x, y, k = np.indices((40, 24, 10)) * np.reshape([3.0, 3.0, 1.0], (3, 1, 1, 1))
     data = np.zeros(x.shape, np.int32)
     for number, middle in ((1, 30.0), (2, 88.0)):
@@ -332,7 +332,7 @@ def test_muscles_around_a_bone_that_grow_wider(tmp_path):
     save(tmp_path, affine, labels=labels, thighs_outphase=data.astype(float))
     force, bar = run("thighs", tmp_path, f"build.labels={tmp_path / 'labels.nii.gz'}",
                      "build.collocation_stride=[2,2,1]", "build.source_stride=[4,4,2]")  # fmt: skip
-    # the lowest section without the bone pulls with what its fibers can, more or less
+    # the smallest section without the bone pulls with about the capacity of its fibers
     section = ((data[..., 0] == 1) | (data[..., 0] == 2)).sum() * 0.09
     assert 0.7 < -force["force"] / (0.3 * 30 * section) < 1.5
     assert 0 < bar["force"] < 0.25 * -force["force"]
@@ -340,14 +340,14 @@ def test_muscles_around_a_bone_that_grow_wider(tmp_path):
 
 @pytest.mark.slow
 def test_a_grid_of_fibers_is_its_own_surface(tmp_path):
-    """A spindle of lines, as biceps.toml wants it."""
+    """A spindle of lines, as required by biceps.toml."""
     side = np.linspace(-1.0, 1.0, 7)
     a, b, t = np.meshgrid(side, side, np.linspace(-1.0, 1.0, 40), indexing="ij")
     wide = 1.2 * (1.0 - 0.35 * t**2)
     grid = pyvista.StructuredGrid(a * wide, b * wide, 3.0 * t)
     grid.save(tmp_path / "left_biceps_brachii_7x7fibers.vts")
     force, bar = run("biceps", tmp_path)
-    # it pulls with more than its ends could by themselves and less than its middle
+    # its force is larger than that of its ends alone and smaller than that of its middle
     assert 0.65**2 < force["force"] / (0.3 * 30 * (2 * 1.2) ** 2) < 1.0
     assert 0 < bar["force"] < 0.25 * force["force"]
 
@@ -398,7 +398,7 @@ def test_files_and_summary_of_the_phantom(mg):
     assert np.median(lean[high]) == pytest.approx(19.0, abs=1.0)
 
 
-#: All muscles by two regions
+#: All muscles as two regions
 MUSCLES = {
     "scene": {"dimension": 3},
     "image": {"phase": "dark"},
@@ -409,7 +409,7 @@ MUSCLES = {
 
 @pytest.fixture
 def own(tmp_path):
-    """A deck on files of one's own, and the folder they lie in."""
+    """A deck on the user's files, and their folder."""
     (tmp_path / "deck.toml").write_text(text_of_tables(MUSCLES))
     phantom = make_phantom()
     images = {"t1": phantom.anatomy, "dti": phantom.tensor, "truth": phantom.truth}
@@ -424,7 +424,7 @@ def own(tmp_path):
 
 @pytest.mark.parametrize("axis", [0, 1])
 def test_results_are_those_of_the_slices_wherever_a_file_has_them(tmp_path, axis):
-    """Sagittal slices, as one axis of the file or another: the same labels in the same places."""
+    """Sagittal slices, as one axis of the file or another: the same labels at the same places."""
     phantom = make_phantom(size=(40, 40, 4), spacing=(3.0, 3.0, 9.0))
     outs = []
     for name, place in (("last", 2), ("other", axis)):
@@ -445,8 +445,8 @@ def test_results_are_those_of_the_slices_wherever_a_file_has_them(tmp_path, axis
         one, two = (read_image(folder / path.name, None) for folder in (last, other))
         one = with_axis_at(one, 2, axis)
         if "fibers" in path.name:
-            # tensors are averaged on their own file's grid; sums in another order part families
-            # of fibers elsewhere in a few voxels
+            # tensors are averaged on their own file's grid; sums in another order separate
+            # families of fibers differently in a few voxels
             inside = one.data.any(axis=-1)
             np.testing.assert_array_equal(two.data.any(axis=-1), inside)
             assert np.percentile(angle(one.data[inside], two.data[inside]), 95) < 0.1
@@ -483,7 +483,7 @@ def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path)
     assert [row["muscle"] for row in found["muscles"]] == ["m"]
     (said,) = [line for line in lines if line.startswith("body of ")]
     both = re.fullmatch(r"body of (.+) x (.+) x (.+) mm, (.+) x (.+) x (.+) cm", said)
-    # five, eight and six voxels; normals move the points of edges by less than a tenth of a voxel
+    # five, eight and six voxels; edge points move along normals by less than a tenth of a voxel
     sizes = np.array(both.groups(), float).reshape(2, 3) * [[1.0], [10.0]]
     np.testing.assert_allclose(sizes, [[10.0, 16.0, 30.0]] * 2, atol=0.2)
 
@@ -495,7 +495,7 @@ def test_tensor_gives_fibers_and_a_run_without_takes_them_away(own):
     fibers = read_image(folder / "out" / "fibers.nii.gz", 3).data
     labels = labels_in(folder / "out")
     np.testing.assert_allclose(np.linalg.norm(fibers, axis=-1), labels, atol=1e-6)
-    # every muscle; bones' cortex is as dark as muscle and counts as such
+    # every muscle; the cortex of bones is as dark as muscle and counts as muscle
     assert run()["segmentation"]["scores"]["muscle"]["dice"] > 0.9
     assert not (folder / "out" / "fibers.nii.gz").exists()
     model = run(station=build)["model"]
@@ -521,7 +521,7 @@ def test_diffusion_images_give_fibers_and_a_wrong_table_is_reported(own):
     assert not any("gradient" in text for text in found["warnings"])
     fibers = read_image(folder / "out" / "fibers.nii.gz", 3).data
     inside = (phantom.tissue.data == 1) & fibers.any(axis=-1)
-    # Asked for: 3 degrees at SNR 25 (there with 30 directions)
+    # Required: 3 degrees at SNR 25 (there with 30 directions)
     assert np.median(angle(fibers, phantom.fiber.data)[inside]) < 3.0
     wrong = GradientTable(table.b, table.direction * [1.0, -1.0, 1.0])
     write_gradients(folder, "dwi", wrong, dwi.affine)
@@ -543,7 +543,7 @@ def test_diffusion_images_give_fibers_and_a_wrong_table_is_reported(own):
 def test_a_region_and_a_body_of_the_user_are_kept_whole(own):
     run, folder = own
     labels, image = read_labels(folder / "truth.nii.gz"), read_image(folder / "t1.nii.gz").data
-    # Half of the calf and a strip of air beside it, which no threshold calls body
+    # Half of the calf and a strip of air beside it, which is not body for any threshold
     mine = np.zeros(labels.data.shape, np.int32)
     mine[:48] = 1
     save(folder, labels.affine, mine=mine, nothing=0 * mine, near=labels.data == 3)
@@ -568,8 +568,8 @@ def test_bias_corrected_image_and_grouping_by_a_reference(own):
     run, _ = own
     found = run("bias.method=auto", "image.reference=truth.nii.gz", "image.regions=3",
                 "image.tolerance=0.001")["segmentation"]  # fmt: skip
-    # Fat parts the muscles of this phantom, so that each is a piece of a region; the third region
-    # is cortex, which would connect them.
+    # Fat separates the muscles of this phantom, so that each is a component of a region; the third
+    # region is cortex, which would connect them.
     assert len(found["scores"]) == 6
     assert all(score["dice"] > 0.9 for score in found["scores"].values())
     assert len(found["scores"]["soleus"]["dice_by_slice"]) == 15

@@ -19,7 +19,7 @@ from myork.records import Image, Labels
 from tests.images import affine_of, built, save
 from tests.scenes import refuses
 
-# Turned by 30 degrees about z and with y downwards
+# Rotated by 30 degrees about z and with y downwards
 C, S = np.cos(np.radians(30)), np.sin(np.radians(30))
 AFFINE = np.array(
     [[2.0 * C, 3.0 * S, 0, 10], [2.0 * S, -3.0 * C, 0, -5], [0, 0, 8.0, 1], [0, 0, 0, 1]]
@@ -57,7 +57,7 @@ def test_units_of_a_nrrd_header(tmp_path):
     (".nhdr", "space directions"), (".mhd", "ElementSpacing"), (".mhd", "TransformMatrix"),
 ])  # fmt: skip
 def test_a_header_without_geometry_is_noted(tmp_path, suffix, line):
-    """SimpleITK takes cubes of 1 mm or unturned axes in silence."""
+    """SimpleITK silently assumes cubes of 1 mm or unrotated axes."""
     path, said = tmp_path / f"a{suffix}", []
     write_labels(path, Labels(np.ones((2, 2, 2), np.int32), AFFINE))
     read_labels(path, said.append)
@@ -146,7 +146,7 @@ def test_images_of_a_dicom_folder_are_listed_and_chosen(tmp_path):
         f"scan:series={lone}",
     ]
     assert rows[2][1:] == ["dixon", "TE 1.23 ms", "phase", "3 slices", "2 x 3", "1.5 x 2 x 4 mm"]
-    # Each of the listed words is what the deck may write; the echo of 1.23 ms came last.
+    # Each listed text is a valid choice in the deck; the echo of 1.23 ms came last.
     values = [read_image(tmp_path / row[0]).data for row in rows]
     assert values[0].shape == (2, 3, 1)
     slopes = [round((one[0, 0, 2] - 1.0) / 900.0, 6) for one in values[1:5]]
@@ -177,7 +177,7 @@ def test_the_list_of_images_is_that_of_the_page(tmp_path):
 
 
 def test_series_of_one_uid_differ_by_their_numbers(tmp_path):
-    """As they are where names were taken out."""
+    """As where names were removed."""
     uid = series(tmp_path / "s", heights=(1.0, 5.0), SeriesNumber=2)
     series(tmp_path / "s", heights=(9.0, 13.0), uid=uid, first=5, SeriesNumber=3)
     refuses(r"(?s)contains 2 images; .*s:series=2 .*s:series=3 ", read_image, tmp_path / "s")
@@ -237,7 +237,7 @@ def test_diffusion_series_of_the_makers(tmp_path, maker):
     table = gradient_table(6)
     values = weighted(np.full((16, 12, 3), 2000.0), TENSOR, table)
     stack(tmp_path / "scan", values, OBLIQUE, maker=maker, number=7, weighting=table)
-    # a second series beside it has to be chosen
+    # with a second series, one has to be chosen
     series(tmp_path / "scan", first=100, SeriesNumber=1)
     refuses(
         r"(?s)contains 2 images.*scan:series=7 .*3 slices x 7", read_diffusion, tmp_path / "scan"

@@ -1,4 +1,4 @@
-"""Images in files and on other grids: what comes back, what can be wrong, damaged slices."""
+"""Images in files and on other grids: round trips, faults, damaged slices."""
 
 import json
 from dataclasses import replace
@@ -117,7 +117,7 @@ def test_names_of_a_folder_are_for_references_only(tmp_path):
         assert "a.nii.gz" in lines[-1] and "labels.json: must contain" in lines.pop()
     (tmp_path / "a.json").write_text(json.dumps({"tibialis": 1}))
     assert read_reference(path, lines.append).names == {1: "tibialis"} and not lines
-    (tmp_path / "a.json").write_text("[]")  # its own file must be right
+    (tmp_path / "a.json").write_text("[]")  # its own file must be correct
     refuses("a.json: must contain", read_reference, path, lines.append)
 
 
@@ -158,7 +158,7 @@ def test_a_plain_name_takes_no_table_of_another_image(tmp_path):
     for name in ("arm1_dwi.bval", "xdwi.bval", "dwi.bval"):
         (tmp_path / name).touch()
     assert described_by(image, "bval") == [tmp_path / "dwi.bval"]
-    (tmp_path / "dwi.nii.gz").touch()  # whose table that is
+    (tmp_path / "dwi.nii.gz").touch()  # the table could belong to either
     assert described_by(image, "bval") == []
     inner = tmp_path / "inner" / image.name
     inner.parent.mkdir()
@@ -191,7 +191,7 @@ def test_labels_nearly_whole_and_without_a_number(tmp_path):
 
 
 def test_vectors_with_an_axis_of_time(tmp_path):
-    """As ITK writes them: x, y, z, time, component."""
+    """As written by ITK: x, y, z, time, component."""
     data = np.random.default_rng(0).normal(size=(3, 4, 5, 1, 3))
     path = kept(tmp_path / "v.nii", data)
     assert np.array_equal(read_image(path, 3).data, data[..., 0, :])
@@ -199,7 +199,7 @@ def test_vectors_with_an_axis_of_time(tmp_path):
 
 
 def test_sform_and_qform_that_differ_are_noted(tmp_path):
-    """One voxel of shift is; rounding, a code of 0 and a damaged quaternion are not."""
+    """A shift of one voxel is; rounding, a code of 0 and a damaged quaternion are not."""
     path, affine = tmp_path / "labels.nii", np.diag([2.0, 2.0, 5.0, 1.0])
     said, moved = [], affine.copy()
     moved[0, 3] = 2.0
@@ -231,7 +231,7 @@ def test_a_header_without_codes_is_noted(tmp_path):
 
 
 def test_what_a_header_lacks_is_said_before_what_it_makes_fail(tmp_path, capsys):
-    """Labels without geometry do not lie on their fibers: the warning comes before the refusal."""
+    """Labels without geometry do not match their fibers: the warning comes before the refusal."""
     affine = np.diag([2.0, 2.0, 2.0, 1.0])
     affine[:3, 3] = -50.0
     file = nibabel.Nifti1Image(np.ones((6, 6, 6), np.uint8), affine)
@@ -270,7 +270,7 @@ THICK = np.diag([1.5, 1.5, 4.0, 1.0])
 
 
 def stack(seed, slices=16):
-    """A limb that gets thinner along the stack, with noise and a signal that falls to its ends."""
+    """A limb that becomes thinner along the stack, with noise; the signal fades at the ends."""
     random = np.random.default_rng(seed)
     x, y = np.meshgrid(*(np.linspace(-1, 1, 40),) * 2, indexing="ij")
     radius = 0.8 - 0.3 * random.random() * np.linspace(0, 1, slices)
@@ -307,7 +307,7 @@ def test_each_fault_is_found_and_no_other(seed):
 
 
 def test_what_is_no_fault():
-    # padding; a coarser limb stretched; volumes of a series; a single slice; nothing at all
+    # padding; a coarser limb resampled; volumes of a series; a single slice; empty images
     assert faults_of(np.pad(stack(1), ((0, 0), (0, 0), (3, 2)))) == []
     assert faults_of(np.repeat(stack(2), 2, axis=2)) == []
     assert faults_of(np.stack([stack(3), 0.3 * stack(4)], axis=3)) == []
@@ -342,7 +342,7 @@ def test_gaps_of_labels():
     assert missing_slices(Labels(data, THICK))[0].slices == [4]
 
 
-# ---- images on other grids of the same world -----------------------------------------------------
+# ---- images on other grids in the same world frame -----------------------------------------------
 
 
 AXES = np.array([[0, 0, -2.0, 9], [-3.0, 0, 0, 4], [0, 5.0, 0, 1], [0, 0, 0, 1]])
@@ -358,7 +358,7 @@ def calves():
 
 
 def plane(shape, affine):
-    """An image whose values are a linear function of the place."""
+    """An image whose values are a linear function of position."""
     image = Image(np.zeros(shape), affine, "plane")
     at = image.world(np.moveaxis(np.indices(shape), 0, -1))
     return Image(at @ [0.3, -0.2, 0.5] + 7.0, affine, "plane")
@@ -392,7 +392,7 @@ def test_half_a_voxel_beyond_the_outer_centres_has_values_and_more_has_none():
     assert found.data[:, 0, 2].tolist() == [0, 0, *[5.0] * 8]
     assert found.data[5, 0].tolist() == [0, 5, 5, 5, 0]
     assert "48 % of the grid lies in the image" in move.said
-    # worlds apart are refused with their extents
+    # disjoint images are refused with their extents
     one = Image(np.zeros((4, 4, 4)), affine_of(2.0, [0, 0, 900.0]), "a.nii")
     two = Image(np.zeros((4, 4, 4)), np.eye(4), "b.nii")
     said = "a.nii and b.nii do not overlap: the first reaches .* z 900 to 906, .* z 0 to 3 mm; "
@@ -406,7 +406,7 @@ def test_volumes_are_resampled_one_by_one_around_what_is_not_finite():
     found, _ = on_grid(Image(np.stack([first.data, second], -1), np.eye(4)), like)
     np.testing.assert_array_equal(found.data[..., 0], on_grid(first, like)[0].data)
     assert np.isfinite(found.data).all()
-    assert np.argwhere(found.data[..., 1] == 0).tolist() == [[2, 2, 2]]  # the nearest is not known
+    assert np.argwhere(found.data[..., 1] == 0).tolist() == [[2, 2, 2]]  # the nearest is unknown
 
 
 @pytest.mark.parametrize(("one", "other"), [(0, 1), (1, 0)])
@@ -438,7 +438,7 @@ def test_tensors_are_interpolated_among_those_that_are_known(calves):
     found, move = on_grid(tensor, fine.clean_tensor, "tensor-wise")
     known = known_tensors(found.data) & inside
     assert known.sum() > 0.9 * inside.sum() and move.how == "tensor-wise"
-    # no tensor is drawn to zero at the rim of what is known
+    # tensors at the rim of the known region are not reduced towards zero
     np.testing.assert_allclose(found.data[known][:, :3].sum(axis=-1), 4.9e-3, rtol=1e-3)
     assert np.median(angle(lead_vector(found.data[known]), fine.fiber.data[known])) < 0.3
     two = replace(tensor, data=data[..., :2])
@@ -461,7 +461,7 @@ def test_noise_of_tensors_is_averaged_where_it_was_measured(calves):
     found = fibers_of_labels(reordered(coarse.tensor), fine.truth, None)
     inside = fine.truth.data > 0
     away = angle(found.fibers.data[inside], fine.fiber.data[inside])
-    # interpolated first, neighbours share their noise: the mean is 5 degrees and more
+    # if interpolated first, neighbours share their noise: the mean is 5 degrees or more
     assert away.mean() < 1.5 and np.percentile(away, 95) < 3.0
     np.testing.assert_array_equal(found.fibers.data.any(axis=-1), inside)
     assert found.far == 0
@@ -497,7 +497,7 @@ DECK = {
 
 
 def chain(folder, t1, dti, labels, fibers):
-    """Summary after both stations, and models: of their own label map, and of labels and fibers."""
+    """Summary after both stations; models from their own label map, and from labels and fibers."""
     folder.mkdir()
     truth = labels.data.astype(float)  # masks in single precision
     images = {"t1": t1.anatomy, "truth": t1.truth, "dti": dti, "vectors": fibers}
@@ -530,10 +530,10 @@ def test_a_run_on_four_grids_is_that_on_one(calves, tmp_path):
     assert sum("resampled onto the grid of" in line for line in lines) == 4
     scores = [own["segmentation"]["scores"]["medial_gastrocnemius"]["dice"] for own in (one, four)]
     assert scores[1] > 0.95 and scores[1] > scores[0] - 0.02
-    # labels of the anatomy's grid and fibers in another order: the same model
+    # labels on the anatomy's grid and fibers in another order: the same model
     np.testing.assert_allclose(others[1].fiber, models[1].fiber, atol=1e-5)
     np.testing.assert_array_equal(others[1].points, models[1].points)
-    # labels and tensors of a coarser grid: nearly the same
+    # labels and tensors on a coarser grid: nearly the same
     assert others[0].volume.sum() == pytest.approx(models[0].volume.sum(), rel=0.03)
     lean, wanted = (np.median(angle(own[0].fiber, [0, 0, 1])) for own in (others, models))
     assert lean == pytest.approx(wanted, abs=0.5)
@@ -598,11 +598,11 @@ def test_masks_under_the_header_of_an_image_stay_labels_and_grey_values_do_not(t
     save(tmp_path, affine_of(1.0, [0.5, 0, 0]), like=np.zeros((8, 8, 4)))
     path, like, out = (tmp_path / f"{name}.nii.gz" for name in ("values", "like", "out"))
     file = nibabel.Nifti1Image(values, np.eye(4))
-    file.set_data_dtype(np.int16)  # spread over all its values, as the header of an image has it
+    file.set_data_dtype(np.int16)  # spread over all its values, as in an image header
     nibabel.save(file, path)
     assert (nibabel.load(path).get_fdata() != values).any()
     found = read_image(resample(path, like, out)).data
     if factor == 1.0:
         assert set(np.unique(found)) == {0, 2}
-    else:  # halfway across the rim
+    else:  # half-way across the rim
         assert found[1, 3, 1] == pytest.approx(0.25, abs=1e-4)

@@ -1,4 +1,4 @@
-"""Level sets: against a plain NumPy sweep written out for two, and on images with an answer."""
+"""Level sets: compared with a plain NumPy sweep for two, and on images with known answer."""
 
 import numpy as np
 import pytest
@@ -20,12 +20,12 @@ STEERING |= {"iterations": 300, "nu": 0.0, "epsilon": 0.5, "dt": 500.0}
 
 
 def choice(**changes):
-    """Level sets as a deck without a word about them has them, with some fields changed."""
+    """Level sets as in a deck without settings, with some fields changed."""
     return LevelSets.of_table(DEFAULTS, **changes)
 
 
 def evolve(channels, phi, **change):
-    """The core with weights of one; `change` names what differs."""
+    """The core with unit weights; `change` gives the differences."""
     options = {"spacing": (1.0, 1.0), **STEERING, **change}
     weight = options.pop("weight", np.ones(channels.shape[:3]))
     options.setdefault("lambdas", np.ones((channels.shape[-1], 2 ** phi.shape[-1])))
@@ -108,7 +108,7 @@ def test_energy_never_rises(mu, dt):
 
 
 def test_weight_of_a_voxel_counts_it_so_often():
-    """Without contours' length, weight 2 on everything is lambda 2."""
+    """Without contour length, weight 2 everywhere equals lambda 2."""
     u = np.random.default_rng(2).random((15, 15, 1, 1))
     keys = dict(iterations=20, dt=5.0, mu=0.0)
     twice = evolve(u, u - 0.5, weight=np.full((15, 15, 1), 2.0), **keys)["phi"]
@@ -141,7 +141,7 @@ def test_noisy_disc(start, phase):
     image, inside = disc(noise=0.12)
     wanted = inside if phase == "dark" else ~inside
     found, result = phase_of(image, inside >= 0, phase, mu=0.05, start=start)
-    # Noise of 0.3 of the contrast: the threshold alone errs on some per cent of the pixels.
+    # Noise of 0.3 of the contrast: the threshold alone is wrong in some per cent of the pixels.
     assert dice(found, wanted) > 0.985
     assert not result.unrest
 
@@ -166,9 +166,9 @@ def test_pixels_outside_the_region_play_no_part():
 def test_regions_survive_level_sets():
     regions = np.random.default_rng(0).integers(0, 8, (6, 5, 4)).repeat(4, 0).repeat(4, 1)
     again = regions_of(level_sets_of(regions.astype(np.int32), 8), 8)
-    # Blocks of 4 pixels; smoothing may round their corners off.
+    # Blocks of 4 pixels; smoothing may round their corners.
     assert (again == regions).mean() > 0.9
-    # labels of one's own as start
+    # the user's labels as start
     image, inside = disc(noise=0.05)
     start = 7 * np.roll(inside, 5, axis=0).astype(np.int32)
     _, result = phase_of(image, inside >= 0, labels=start, mu=0.05)

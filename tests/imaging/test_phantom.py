@@ -1,4 +1,4 @@
-"""The phantom: repeatable, and as its formulas say."""
+"""The phantom: repeatable, and in agreement with its formulas."""
 
 import numpy as np
 import pytest
@@ -30,7 +30,7 @@ def test_noise_and_shading_are_those_asked_for(phantom):
     clean, again, plain = (make_phantom(snr=1e9, bias=b).anatomy.data for b in (0.3, 0.3, 0.0))
     assert np.array_equal(clean, again)
     noise = (phantom.anatomy.data - clean)[phantom.truth.data == 1]
-    # Muscle is 393 units bright here; 5705 samples give the deviation to 1 %, Rician ones less.
+    # Muscle has a brightness of 393 here; 5705 samples give the deviation to 1 %, Rician ones less.
     assert np.std(noise) == pytest.approx(400 / 25, rel=0.05)
     field, lit = phantom.bias.data, plain > 1.0
     assert np.abs(field - 1).max() == pytest.approx(0.3)
@@ -45,7 +45,7 @@ def old_leg():
 def test_materials_fill_the_asked_parts_of_every_muscle(old_leg):
     for muscle in range(1, 7):
         tissue = old_leg.tissue.data[old_leg.truth.data == muscle]
-        # Parts are quantiles of fields on some thousand voxels.
+        # Fractions are quantiles of fields on some thousand voxels.
         for number, part, near in ((1, 0.64, 0.004), (2, 0.06, 0.002), (3, 0.30, 0.002)):
             assert np.mean(tissue == number) == pytest.approx(part, abs=near)
     mg = old_leg.truth.data == 1
@@ -56,7 +56,7 @@ def test_materials_fill_the_asked_parts_of_every_muscle(old_leg):
 def test_muscles_grow_until_they_meet(phantom, old_leg):
     before, after = (np.mean(p.truth.data[p.tissue.data > 0] > 0) for p in (phantom, old_leg))
     assert after > 1.3 * before
-    # The medial gastrocnemius stays as it is.
+    # The medial gastrocnemius is unchanged.
     assert np.array_equal(old_leg.truth.data == 1, phantom.truth.data == 1)
 
 

@@ -46,7 +46,7 @@ def test_block_by_hand():
     assert len(cloud.points) == 120
     # First voxel of the block: index (2, 2, 0) of the map, in cm; points below the surface are the
     # centres of voxels in lexicographic order, those on it lie on the sides within a tenth of a
-    # voxel, which the blur of so small a block leaves, and on the outer faces of the end slices.
+    # voxel (due to the blur of so small a block), and on the outer faces of the end slices.
     index = np.stack(np.meshgrid(*map(np.arange, (5, 4, 6)), indexing="ij"), axis=-1).reshape(-1, 3)
     centre = [-9.6, 2.6, 0.7] + index * [0.2, 0.3, 0.5]
     below = np.all((index[:, :2] > 0) & (index[:, :2] < [4, 3]), axis=1)
@@ -71,7 +71,7 @@ def test_block_by_hand():
     surface = cloud.boundary_set == 2
     assert surface.sum() == 14 * 6
     faces = np.abs(cloud.normal[surface]).max(axis=1) > 0.99
-    # The normals of four or five voxels are those of a rounded block: its corners count less.
+    # The normals of four or five voxels are those of a rounded block: its corners contribute less.
     assert cloud.area[surface].sum() == pytest.approx(2 * (5 * 0.2 + 4 * 0.3) * 3.0, rel=0.2)
     assert faces.sum() >= 6
 
@@ -83,7 +83,7 @@ def test_every_point_has_a_source_point_nearer_than_a_step(mg):
         for points in (cloud.points, cloud.source)
     )
     assert step.min(axis=1).max() < 1.0
-    # never nearer than one voxel of the two of a step
+    # never closer than one of the two voxels of a step
     assert (apart + 9 * np.eye(len(cloud.source))).min() > 0.49
     assert 300 < len(cloud.source) < 600
     assert 1000 < len(cloud.points) < 2000
@@ -99,7 +99,7 @@ def test_every_point_has_a_source_point_nearer_than_a_step(mg):
 def test_volume_and_surface_of_the_medial_gastrocnemius(mg, phantom):
     cloud, _ = mg
     voxels = (phantom.truth.data == 1).sum() * 1.25 * 1.25 * 6.0e-3
-    # Blocks of 2 x 2 pixels weigh what is filled of them.
+    # Blocks of 2 x 2 pixels have the weight of their filled part.
     assert cloud.volume.sum() == pytest.approx(voxels, rel=1e-9)
     surface = cloud.boundary_set == cloud.set_names.index("surface")
     normal, where = cloud.normal[surface], cloud.boundary_point[surface]
@@ -149,7 +149,7 @@ def test_fibers_at_points_are_those_of_the_phantom(mg, phantom):
     ) / phantom.truth.spacing
     exact = phantom.fiber.data[tuple(np.rint(place).astype(int).T)]
     known = exact.any(axis=1)
-    # Fibers turn by 12 degrees over 18 pixels; a voxel aside is a degree.
+    # Fibers turn by 12 degrees over 18 pixels; an offset of one voxel is a degree.
     assert angle(exact, cloud.fiber)[known].max() < 2.0
 
 
@@ -172,7 +172,7 @@ def test_normals_of_a_thin_sheet_are_units():
 
 
 def spindle(lowest):
-    """Ellipsoid of 20 slices whose lowest slice has about a part of the largest section."""
+    """Ellipsoid of 20 slices whose lowest slice has about a given part of the largest section."""
     i, j, k = centred(24, 24, 20)
     radius = 10.0 * np.sqrt(np.clip(1.0 - (1.0 - lowest) * (k / 9.5) ** 2, 0.0, None))
     data = (np.hypot(i, j) < np.maximum(radius, 0.8)).astype(np.int32)
@@ -186,11 +186,11 @@ def test_a_tip_is_named_with_the_slices_to_take():
     full = np.flatnonzero(area >= 0.2 * area.max())
     assert f"lower end has {area[0]} voxels in slice 0 and its upper end has {area[0]}" in warning
     assert f"build.slices = [{full[0]}, {full[-1]}]" in warning
-    # what it says is what helps
+    # the suggested remedy works
     cut = {**TABLE, "slices": [int(full[0]), int(full[-1])]}
     for other, table in ((labels, cut), (spindle(0.2), TABLE), (box(), TABLE)):
         assert not [w for w in build_cloud(other, None, table, "cm")[1] if "in a tip" in w]
-    # a tip that is free, as where the muscle rests on springs along its surface, carries nothing
+    # a free tip, as where the muscle rests on springs along its surface, carries nothing
     held = build_cloud(labels, None, TABLE, "cm", held={"top", "surface"})[1]
     assert [w for w in held if "tip: its upper end has" in w and "lower" not in w]
 
@@ -202,7 +202,7 @@ def test_slices_and_blocks_of_models():
     assert "one slice" in warnings[0]
     cloud, _ = build_cloud(box(), None, {**TABLE, "slices": [1, 4]}, "cm")
     np.testing.assert_allclose(np.unique(cloud.points[:, 2]), [0.95, 1.7, 2.2, 2.95])
-    # blocks keep place and size
+    # blocks keep position and size
     coarse = points.coarsen(box((6, 4, 6)), (2, 2, 3))
     assert coarse.data.sum() == 3 * 2 * 2
     np.testing.assert_allclose(coarse.spacing, [4, 6, 15])
@@ -224,8 +224,8 @@ def test_impossible_wishes(change, message):
 
 
 def test_surface_points_lie_on_the_surface():
-    """Round a cylinder of 8.3 voxels centres of surface voxels lie 0.5 voxels inside in the mean,
-    the moved ones on it: 0.05 in the mean, a fifth of a voxel by its stairs.
+    """Around a cylinder of radius 8.3 voxels, centres of surface voxels lie 0.5 voxels inside on
+    average; moved ones lie on it: 0.05 on average, at most a fifth of a voxel due to its stairs.
     """
     data = (np.hypot(*centred(25, 25, 6)[:2]) <= 8.3).astype(np.int32)
     cloud, _ = build_cloud(Labels(data, affine_of(10.0)), None, TABLE, "cm")
@@ -237,7 +237,7 @@ def test_surface_points_lie_on_the_surface():
 
 
 def test_a_hole_of_one_voxel_keeps_the_points_around_it_apart():
-    """Points on two sides of it moved to one place in its middle, and the model was refused."""
+    """Points on two sides of it once moved to the same place, and the model was refused."""
     labels = box((5, 5, 4))
     labels.data[4, 4] = 0
     cloud, _ = build_cloud(labels, None, {**TABLE, "source_stride": [1, 1, 1]}, "mm")
@@ -324,14 +324,14 @@ def ellipsoid(shape, spacing, axes, off=(0.0, 0.0, 0.0)):
     return body, np.argwhere(rim), exact / np.linalg.norm(exact, axis=1, keepdims=True)
 
 
-# Centred on a voxel, where whole rings of the poles are flat, and off the grid's symmetry
+# Centred on a voxel, where whole rings at the poles are flat, and off the grid's symmetry
 @pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.3, 0.1, 0.4), (0.5, 0.5, 0.5)])
 @pytest.mark.parametrize(("spacing", "axes", "mean"), [
     # Ten voxels from the centre to every pole: two degrees
     ((1.0, 1.0, 1.0), (10.0, 10.0, 10.0), 2.0), ((1.0, 1.0, 5.0), (10.0, 10.0, 50.0), 2.0),
     ((1.0, 1.0, 5.0), (20.0, 15.0, 50.0), 2.0), ((1.25, 1.25, 6.0), (18.0, 13.0, 60.0), 2.0),
     ((2.0, 1.0, 1.0), (20.0, 12.0, 12.0), 2.0),
-    # Nine, six and two: a step between slices is a larger part of the body
+    # Nine, six and two: a step between slices is larger relative to the body
     ((1.0, 1.0, 5.0), (40.0, 35.0, 45.0), 2.2), ((1.0, 1.0, 5.0), (30.0, 30.0, 30.0), 3.0),
     ((1.0, 1.0, 5.0), (10.0, 10.0, 10.0), 6.0),
 ])  # fmt: skip
@@ -347,7 +347,7 @@ def test_outward_and_near_the_exact_normal(spacing, axes, mean, off):
 
 
 def test_normals_do_not_depend_on_what_lies_beside():
-    """The metric is that of a typical piece, not of the whole of two legs."""
+    """The metric is that of a typical component, not of two whole legs."""
     spacing, axes = np.array([1.0, 1.0, 5.0]), np.array([10.0, 10.0, 50.0])
     body, voxels, exact = ellipsoid((27, 27, 27), spacing, axes)
     both = np.concatenate([body, body], axis=0)

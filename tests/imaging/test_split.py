@@ -1,4 +1,4 @@
-"""Label maps where grey values are one: walks, nearest labels, references; muscles of regions."""
+"""Label maps with a single grey value: walks, nearest labels, references; muscles of regions."""
 
 import json
 import sys
@@ -32,8 +32,8 @@ AFFINE = np.diag([*SPACING, 1.0])
 
 
 def leg(slices=3, seed=0, gap=4):
-    """Muscle in fat of the same grey, parted by a dark line of a pixel or two with gaps of `gap`,
-    and a bone in it; shading by a factor of three across, noise of a fortieth.
+    """Muscle in fat of the same grey, separated by a dark line of a pixel or two with gaps of
+    `gap`, and a bone in it; shading by a factor of three across, noise of a fortieth.
     """
     i, j, k = np.indices((84, 84, slices)) - np.reshape([41.5, 41.5, 0], (3, 1, 1, 1))
     r, angle, bone = np.hypot(i - k, j), np.arctan2(j, i - k), np.hypot(i - k, j - 6)
@@ -71,7 +71,7 @@ def walked(image, truth, rules, radius=4.0, weight=20.0):
 
 def test_walks_find_what_only_a_dark_line_with_gaps_parts():
     image, truth = leg()
-    # Grey values do not separate them: in the muscle they differ more than between muscle and fat.
+    # Grey values do not separate them: they vary more within muscle than between muscle and fat.
     fat, muscle = (image.data[truth == number] for number in (2, 1))
     assert abs(fat.mean() - muscle.mean()) < 0.3 * muscle.std()
     found = walked(image, truth, RULES)
@@ -79,7 +79,7 @@ def test_walks_find_what_only_a_dark_line_with_gaps_parts():
     # The border may lie on either side of a line of two pixels on a body of 27: 1 - 2/27.
     for number, least in ((1, 0.95), (2, 0.93), (3, 0.85)):
         assert dice(found == number, truth == number) > least
-    # Without the shyness of edges the seeds' distances decide.
+    # Without `shyness`, the distances to the seeds decide.
     plain = walked(image, truth, RULES, weight=0.0)
     assert dice(plain == 1, truth == 1) < dice(found == 1, truth == 1) - 0.1
     # seeds of one slice reach all others
@@ -107,16 +107,16 @@ def test_walks_on_a_strip_follow_the_resistances(monkeypatch):
     known = np.full((21, 1, 1), -1, np.int32)
     known[0], known[20] = 1, 2
     found = random_walk(heights, known < 9, known, np.ones(3), 3.0 * np.log(10.0))
-    # Nineteen steps of one and one of ten up the edge: half of 29 is passed on that one (5 to 15).
+    # Nineteen unit steps and one of ten at the edge: half of 29 is reached within it (5 to 15).
     assert found[:, 0, 0].tolist() == [1] * 6 + [2] * 15
 
 
 def test_walks_that_cannot_be_are_refused(monkeypatch):
     image, truth = leg()
-    # Slices are solved exactly by the preconditioner; what joins them takes more than one step.
+    # The preconditioner solves slices exactly; their coupling takes more than one step.
     monkeypatch.setattr(walk, "cg", partial(walk.cg, maxiter=1))
     refuses("walks from label 1 .* lower image.edge_weight = 20", walked, image, truth, RULES)
-    # seeds beside each other, and images without signal
+    # adjacent seeds, and images without signal
     rules = [Muscle("a", seeds((60, 42, 1))), Muscle("b", seeds((61, 42, 1)))]
     said = "muscle.a: the seed .* beside one of muscle.b; lower ima"
     refuses(said, walked, *leg(slices=2), rules)
@@ -133,10 +133,10 @@ def test_regions_start_around_the_seeds_and_clusters_of_the_rest():
     known = np.full(kind.shape, -1, np.int32)
     known[9, 3, 0], known[0, 0, 0], known[5, 4, 0] = 1, 2, 3  # classes 2, 0, 1
     found = seeded_regions(values, region, known, 5)
-    # Muscles in their order, then the clusters of what is like none, by their first channel
+    # Muscles in their order, then the clusters unlike all muscles, by their first channel
     wanted = np.array([1, 2, 0, 3, 4])[kind]
     assert np.array_equal(found[region], wanted[region]) and not found[~region].any()
-    # With as many regions as muscles all is one of them.
+    # With as many regions as muscles, every voxel belongs to one of them.
     assert set(np.unique(seeded_regions(values, region, known, 3))) == {0, 1, 2}
 
 
@@ -174,7 +174,7 @@ def parted(folder, muscles=(), **keys):
 
 @pytest.fixture
 def legs(tmp_path):
-    """Truth of the leg, which lies in a folder with its image."""
+    """Truth of the leg, in a folder with its image."""
     image, truth = leg()
     names = {1: "muscle", 2: "fat", 3: "b"}
     save(tmp_path, AFFINE, leg=image, truth=Labels(truth, AFFINE, names))
@@ -194,7 +194,7 @@ def drawn(truth):
     """A map of strokes: inside muscle and bone, and along the skin; 0 elsewhere."""
     strokes = np.zeros(truth.shape, np.int32)
     for number, depth in ((1, 6), (3, 4), (2, 2)):
-        # distances within slices: those between them are longer than any
+        # distances within slices: those between slices are larger
         inside = np.pad(truth == number, ((1, 1), (1, 1), (0, 0)))
         depths = ndimage.distance_transform_edt(inside, sampling=(1, 1, 1000))[1:-1, 1:-1]
         strokes[depths > depth] = 10 * number
@@ -211,13 +211,13 @@ def test_segment_walks_from_a_map_of_seeds(legs, tmp_path):
     assert set(found["labels"]) == {"muscle", "bone"}
     assert any("1 of" in line and "outside of the region" in line for line in found["warnings"])
     assert np.unique(labels_in(tmp_path / "out")).tolist() == [0, 10, 30]
-    # muscle alone parts nothing
+    # muscle alone separates nothing
     save(tmp_path, AFFINE, seeds=strokes * (strokes == 10))
     said = "seeds of at least two labels .* there are \\[10\\]"
     refuses(said, parted, tmp_path, **WALK, truth="truth.nii.gz")
 
 
-#: Image keys of a walk from a map of seeds
+#: Image keys of a walk from a seed map
 WALK = {"split": "walk", "tolerance": 0.01, "seeds": "seeds.nii.gz"}
 
 
@@ -257,7 +257,7 @@ def test_seeds_of_one_muscle_start_all_regions(tmp_path):
     save(tmp_path, np.eye(4), leg=image)
     parted(tmp_path, [{**SEED, "name": "muscle"}], regions=3)
     assert dice(labels_in(tmp_path / "out") == 1, truth > 0) > 0.95
-    # what is like none of the seeds
+    # voxels unlike all seeds
     rest = labels_in(tmp_path / "out", "regions") > 1
     assert dice(rest, body & (truth == 0)) > 0.95
 
@@ -273,13 +273,13 @@ def test_segment_takes_a_reference_with_names_beside_it(tmp_path):
     keys = {"reference": "old.nii.gz", "truth": "truth.nii.gz"}
     scores = parted(tmp_path, split="nearest", **keys)["scores"]
     assert set(scores) == {"inner", "outer"}
-    # The grey values mend the outer border of a reference that is off, not the one between muscles.
+    # Grey values correct the outer border of a displaced reference, not the one between muscles.
     for number, score in enumerate(scores.values(), start=1):
         assert score["dice"] > dice(off == number, truth == number)
 
 
 def leaning_rods():
-    """Two rods that touch and shift, with no edge between them, in 9 slices of 4 mm."""
+    """Two rods that touch and shift along z, with no edge between them, in 9 slices of 4 mm."""
     x, y, k = np.indices((40, 30, 9))
     inside = np.hypot((x - 14 - k) / 1.3, y - 15) < 10
     label = np.where(inside, np.where(x < 14 + k, 1, 2), 3).astype(np.int32)
@@ -288,7 +288,7 @@ def leaning_rods():
 
 
 def test_the_number_of_the_background_does_not_matter(tmp_path):
-    """Lone voxels that no walk leaves are background, whether its seeds come first or last."""
+    """Single voxels that no walk leaves are background, whether its seeds come first or last."""
     _, label, spacing = leaning_rods()
     random = np.random.default_rng(1)
     grey = np.choose(label, [0.0, 100.0, 140.0, 300.0]) * np.ones(label.shape)
@@ -313,7 +313,7 @@ def test_the_number_of_the_background_does_not_matter(tmp_path):
 
 
 def bright_fat(folder, seed, contrast=3.0, rim=4.0, snr=20.0):
-    """Two muscles, parted by a line of fat, in fat as bright as in T1 images, with a bone."""
+    """Two muscles, separated by a line of fat, in fat as bright as in T1 images, with a bone."""
     i, j, _ = centred(70, 70, 3)
     r, bone = np.hypot(i, j), np.hypot(i - 4, j - 9)
     kind = np.select([r > 32, r > 32 - rim, bone < 4, bone < 6, np.abs(i) < 0.9], [0, 3, 4, 5, 3],
@@ -325,7 +325,7 @@ def bright_fat(folder, seed, contrast=3.0, rim=4.0, snr=20.0):
 
 
 def inside(region, size):
-    """Voxels whose neighbours in the slice belong to a region as well."""
+    """Voxels whose neighbours in the slice belong to the same region."""
     return ndimage.uniform_filter(region * 1.0, (size, size, 1)) > 0.99
 
 
@@ -338,7 +338,7 @@ def test_seeds_of_muscles_alone_leave_the_rest_without_a_label(tmp_path, case):
     assert "resembles none of the seeds and becomes background" in warning
     found = labels_in(tmp_path / "out")
     assert min(dice(found == n, kind == n) for n in (1, 2)) > 0.95
-    # one muscle alone, and all else as it is drawn
+    # one muscle alone, and all others as drawn
     strokes[strokes == 2] = 0
     save(tmp_path, AFFINE, seeds=strokes)
     parted(tmp_path, **WALK)
@@ -356,9 +356,9 @@ def test_a_band_of_fat_drawn_at_the_skin_is_kept(tmp_path):
     save(tmp_path, AFFINE, seeds=Labels(strokes, AFFINE, names))
     assert not parted(tmp_path, **WALK)["warnings"]
     fat, ring = labels_in(tmp_path / "out") == 3, (kind == 3) & (r > 28)
-    # on the outermost pixels as well
+    # also on the outermost pixels
     assert fat[ring & (r > 30)].mean() > 0.99 and dice(fat & (r > 26), ring) > 0.97
-    # a background over the skin does not bring it back
+    # a background seed over the skin does not bring it back
     save(tmp_path, AFFINE, seeds=Labels(strokes, AFFINE, names | {3: "background"}))
     assert "lie outside of the region" in parted(tmp_path, **WALK)["warnings"][0]
 
@@ -385,7 +385,7 @@ def test_pieces_with_seeds():
     assert np.array_equal(label, stripes(1, 2, 0, 2)) and not warnings
     both = grouping.group_by_rules(region, GRID, [muscle("a", 0, 1, 0, 8, 1, 0)])[0]
     assert np.array_equal(both, stripes(1, 0, 1, 0))
-    # a piece that is shared is split by the nearest seed, with a warning
+    # a shared component is split by the nearest seed, with a warning
     rules = [muscle("a", 0, 1, 0), muscle("b", 10, 1, 0)]
     label, warnings = grouping.group_by_rules(stripes(1, 1, 1, 0), GRID, rules)
     assert (label[:3] == 1).all() and (label[3:6] == 2).all() and not label[6:].any()
@@ -428,7 +428,7 @@ def few_slices(inputs, out, slices, *overrides):
 
 @pytest.mark.slow
 def test_six_muscles_by_fibers_and_without(tmp_path, inputs):
-    """The fibers part what has one grey value; five slices to be quick."""
+    """The fibers separate muscles of equal grey value; five slices for speed."""
     means = {}
     for kind in ("dyad", "none"):
         found = few_slices(inputs, tmp_path / kind, 5, f"image.fiber_channels={kind}")
@@ -446,7 +446,7 @@ def test_six_muscles_by_fibers_and_without(tmp_path, inputs):
     (10, {"seed": 3}), (25, {"seed": 5, "bias": 0.7}), (18, {"seed": 6, "pennation": 0.75}),
 ])  # fmt: skip
 def test_other_phantoms_by_the_same_settings(tmp_path, inputs, snr, more, monkeypatch):
-    """What the deck's settings were not chosen on; three slices to be quick."""
+    """Phantoms not used to choose the deck's settings; three slices for speed."""
     monkeypatch.setitem(KINDS, "packed", KINDS["packed"] | more)
     found = few_slices(inputs, tmp_path, 3, f"phantom.snr={snr}")
     assert np.mean([score["dice"] for score in found["scores"].values()]) > 0.9
@@ -468,7 +468,7 @@ def test_dice_by_hand_and_pearson_against_numpy():
     assert np.isnan(scores["dice_by_slice"][1])
 
 
-# ---- a reference bent onto an image by the image it was drawn in ---------------------------------
+# ---- a reference deformed onto an image by the image it was drawn in -----------------------------
 
 
 def one_slice(image):
@@ -478,7 +478,7 @@ def one_slice(image):
 
 
 def visits(amount=6.0, size=(96, 96, 3), spacing=(1.25, 1.25, 6.0)):
-    """Image and labels of today, and of an earlier visit: bent, of another contrast and noise."""
+    """Image and labels of today, and of an earlier visit: deformed, other contrast and noise."""
     today, earlier = (make_phantom(size, spacing, seed=seed) for seed in (1, 9))
     spacing = np.array(spacing)
     random = np.random.default_rng(4)
@@ -502,7 +502,7 @@ def means(found, truth):
 
 @pytest.mark.slow
 def test_every_muscle_of_a_slice_follows_its_own_bend():
-    """The grid of the earlier visit may be another: finer, turned about, and begun elsewhere."""
+    """The grid of the earlier visit may differ: finer, rotated, and with another origin."""
     today, then, drawn = visits()
     image, then, drawn, truth = map(one_slice, (today.anatomy, then, drawn, today.truth))
     found = bend_labels(drawn, then, image, body_mask(image))
@@ -547,7 +547,7 @@ def test_segment_bends_the_reference(tmp_path):
     )
     assert np.mean(bent) > np.mean(lies) + 0.05
     assert read_labels(tmp_path / "out" / "segmentation.nii.gz").data.shape == (96, 96, 1)
-    # the earlier image shows more, and a label that is not in this one
+    # the earlier image shows more, including a label that is not in this one
     then, drawn = one_slice(then), one_slice(drawn)
     wide = ((20, 0), (0, 0), (0, 0))
     affine = then.affine.copy()

@@ -1,4 +1,4 @@
-"""Tissues: fuzzy clusters, materials of a leg, bone as a boundary; shading; parts of voxels."""
+"""Tissues: fuzzy clusters, tissues of a leg, bone as a boundary; shading; fractions in voxels."""
 
 import re
 from pathlib import Path
@@ -28,7 +28,7 @@ from myork.summary import read_summary
 from tests.images import affine_of, centred, save
 from tests.scenes import neo, probes, refuses, scene
 
-LEAST = 0.8e-3  # of the mean diffusivity of muscle
+LEAST = 0.8e-3  # mean diffusivity of muscle
 
 
 def two_greys(noise):
@@ -40,7 +40,7 @@ def two_greys(noise):
 def test_centres_and_memberships_of_two_greys():
     data, truth = two_greys(0.2)
     found, centres = bright_cluster(data, np.ones(data.shape, bool))
-    # The mean of some hundred values; fuzzy weights pull centres towards each other a little.
+    # The mean of some hundred values; fuzzy weights pull centres slightly towards each other.
     np.testing.assert_allclose(centres, [1.0, 3.0], atol=0.05)
     assert np.array_equal(found > 0.5, truth)
     # a region of any shape
@@ -49,7 +49,7 @@ def test_centres_and_memberships_of_two_greys():
 
 
 def test_the_lesser_cluster_of_two_is_found():
-    """A hundredth of the voxels, as connective tissue may be, beside two greys alike."""
+    """A hundredth of the voxels, as connective tissue may be, beside two similar greys."""
     data = two_greys(0.2)[0]
     data[data > 2] -= 1.5
     lesser = np.random.default_rng(2).random(data.shape) < 0.01
@@ -82,16 +82,16 @@ def test_materials_of_a_leg(leg):
     found = materials(leg)
     assert found.names == TISSUES
     scores = {name: dice(found.data == i, leg.tissue.data == i) for i, name in TISSUES.items()}
-    # Sheets and streaks are a pixel or two wide: half of their pixels are rim.
+    # Sheets and streaks are one or two pixels wide: half of their pixels are on the rim.
     assert scores["muscle"] > 0.95 and scores["fat"] > 0.9 and scores["bone"] > 0.95
     assert scores["connective_tissue"] > 0.7
     assert dice(found.data > 0, leg.tissue.data > 0) > 0.99
-    # tensors in another unit are named
+    # tensors in another unit are reported
     refuses("tissue.least_diffusivity = 0.8; check its unit", materials, leg, 0.8)
 
 
 def test_connective_tissue_is_parted_by_its_signal_over_that_of_muscle_around():
-    """Published are clusters of the image alone, which shading moves; no threshold is better."""
+    """The published method clusters the image alone, which shading distorts; no threshold helps."""
     keys = {"septum": 0.6, "growth": 15.0, "aponeurosis": 1.5, "imat": 0.03, "imct": 0.1}
     leg = make_phantom((96, 96, 3), (1.25, 1.25, 18.0), **keys)
     truth, image, found = leg.tissue.data == 3, leg.connective.data, materials(leg).data
@@ -106,8 +106,8 @@ def test_connective_tissue_is_parted_by_its_signal_over_that_of_muscle_around():
 def test_fewer_images_give_fewer_materials(leg):
     found = leg_tissues(leg.anatomy).labels.data
     assert not (found == 3).any()
-    # The skin, as grey as muscle, is parted from it by its place and counts as fat; the anatomy
-    # takes sheets for muscle.
+    # The skin, as grey as muscle, is separated from it by its position and counts as fat; the
+    # anatomy shows sheets as muscle.
     for number, least in ((4, 0.95), (2, 0.9), (1, 0.85)):
         assert dice(found == number, leg.tissue.data == number) > least
 
@@ -117,7 +117,7 @@ def test_a_single_slice_is_a_leg_as_well():
     one = Image(plain.anatomy.data[:, :, 1:2], plain.anatomy.affine)
     found = leg_tissues(one).labels.data[..., 0]
     truth = plain.tissue.data[:, :, 1]
-    # Pixels that fat between the muscles fills in part are muscle by their grey value.
+    # Pixels partly filled by fat between the muscles are muscle by their grey value.
     for number, least in ((1, 0.93), (2, 0.94), (4, 0.95)):
         assert dice(found == number, truth == number) > least
 
@@ -157,7 +157,7 @@ def test_fat_between_muscles_is_fat_without_a_doubt():
     found = leg_tissues(image)
     assert dice(found.labels.data == 1, flesh) > 0.98
     assert dice(found.labels.data == 2, body & ~flesh & ~disc(7.0)) > 0.98 and not found.doubts
-    # a limb without a bone is doubted
+    # a limb without a bone causes a doubt
     image = limb(bone=0.0)[0]
     (doubt,) = leg_tissues(image).doubts
     assert "no bone was found in 1 of 1 slices" in doubt
@@ -165,7 +165,7 @@ def test_fat_between_muscles_is_fat_without_a_doubt():
 
 
 def test_bone_of_images_of_water_and_fat():
-    """Their sum shows fat and muscle alike, what little signal cortex has is mostly noise."""
+    """Their sum shows fat and muscle alike; the weak signal of cortex is mostly noise."""
     whole, clean = limb(muscle=1.0)[0], limb(muscle=0.05, noise=0.0)[0].data
     clean[disc(7.0) & ~disc(5.0)] *= 0.1
     fat = rician(clean, 2.0, np.random.default_rng(2)) / np.maximum(whole.data, 1e-9)
@@ -189,7 +189,7 @@ def test_a_trunk_is_no_limb():
 
 
 def test_another_echo_parts_what_one_image_does_not():
-    """In the first image noise is half of the difference; the second one knows no shading."""
+    """In the first image the noise is half of the difference; the second one has no shading."""
     first, flesh, body = limb(muscle=0.6, noise=0.15)
     second = limb(muscle=1.0, fat=0.5, noise=0.05)[0]
     alone, both = (
@@ -210,9 +210,9 @@ def test_bone_bounds_the_model():
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)
     outward = (sets.normal[:, :2] * radial).sum(axis=1)
     bone, skin = sets.set == 2, sets.set == 3
-    # Out of the muscle is into the bone.
+    # Outward from the muscle is into the bone.
     assert outward[bone].max() < -0.95 and outward[skin].min() > 0.95
-    # A circle of pixels has its true length where facets are projected on the normal.
+    # A circle of pixels has its true length if facets are projected on the normal.
     for where, radius in ((bone, 6), (skin, 16)):
         assert sets.area[where].sum() == pytest.approx(2 * np.pi * radius * 20, rel=0.1)
 
@@ -220,7 +220,7 @@ def test_bone_bounds_the_model():
 @pytest.mark.parametrize("block", [[1, 1, 1], [2, 2, 1], [2, 2, 2]])
 @pytest.mark.parametrize("side", [0, 1])
 def test_bone_beyond_the_box_of_the_body_bounds_it(block, side):
-    # A block of muscle whose faces look at the ends of the map: one at bone, one at nothing.
+    # A block of muscle with faces at the ends of the map: one towards bone, one towards nothing.
     data = np.zeros((24, 24, 4), np.int32)
     data[8:16, 6:18], data[(slice(16, 24), slice(0, 8))[side], 4:20] = 1, 7
     labels = Labels(data, affine_of((1.0, 1.0, 5.0)), {1: "muscle", 7: "bone"})
@@ -240,7 +240,7 @@ def test_thin_sheets_keep_their_volume_where_no_block_is_theirs():
     assert not (coarse.data == 3).any()
     shares, numbers = label_shares(labels, coarse, (4, 4, 1), np.zeros(coarse.data.shape, bool))
     assert numbers.tolist() == [1, 3]
-    # every second block has a sheet through a quarter of it
+    # every second block contains a sheet through a quarter of it
     np.testing.assert_allclose(shares.sum(axis=0) * 16, [2800, 400])
     assert set(np.unique(shares[:, 1])) == {0.0, 0.25}
     assert changed_volumes(labels, {1: 2800.0, 3: 400.0}) == []
@@ -291,7 +291,7 @@ def test_stack_under_a_strong_coil():
 
 @pytest.mark.slow
 def test_limbs_that_do_not_touch():
-    """Slopes do not know how bright one leg is against the other."""
+    """Slopes do not give the brightness of one leg relative to the other."""
     image, mask, truth = shaded((0.5, 1.5), (0.1, 0.2, 0.5))
     values, mask, truth = (
         np.concatenate([one, np.zeros_like(one[:40]), one if one is mask else 0.5 * one])
@@ -307,18 +307,18 @@ def test_a_field_that_makes_tissues_scatter_more_is_doubted():
     random = np.random.default_rng(2)
     even = tissue * 100.0 + random.normal(0.0, 5.0, tissue.shape)
     mask = even > 0
-    # scatter of both is 5, their difference 200; Otsu's threshold separates them
+    # the scatter of both is 5, their difference 200; Otsu's threshold separates them
     assert joint_variation(even, mask) == pytest.approx(0.05, rel=0.05)
     field = 1.0 + 0.4 * np.sin(i / 9.0)
     assert not variation_doubt(even * field, field, mask)
     doubt = variation_doubt(even, field, mask)
     assert re.search(r"of bright and dark tissue from 0\.0\d+ to 0\.\d+; look", doubt)
-    # a rise as small as what noise makes is no evidence
+    # an increase as small as that due to noise is no evidence
     slight = 1.0 + 0.01 * np.sin(i / 9.0)
     assert joint_variation(even / slight, mask) > joint_variation(even, mask)
     assert not variation_doubt(even, slight, mask)
     assert joint_variation(np.ones(mask.shape), mask) == 0.0
-    # one tissue alone: its scatter is cut in two, and a field that adds to it is no evidence
+    # one tissue alone: its scatter is cut in two, and a field that increases it is no evidence
     alone = 100.0 + random.normal(0.0, 20.0, tissue.shape)
     assert joint_variation(alone, mask) == pytest.approx(np.sqrt(np.pi / 2 - 1), rel=0.03)
     spotted = random.choice([0.5, 1.0, 2.0], tissue.shape, p=[0.02, 0.96, 0.02])
@@ -348,7 +348,7 @@ def test_nothing_to_look_at():
         refuses(said, shading, values, where, spacing=(1, 1, 1))
 
 
-# ---- voxels of two labels: parts from grey values, kept by models --------------------------------
+# ---- voxels of two labels: fractions from grey values, conserved by models -----------------------
 
 
 # Anatomy, fat image and image of connective tissue: air, muscle, fat, connective tissue, bone
@@ -361,7 +361,7 @@ def coarse(values, n=4):
 
 
 def seen(fine, snr, seed=1, channels=(0, 1, 2)):
-    """Images of fine labels in voxels four times as wide, shaded and with noise; true parts."""
+    """Images of fine labels in voxels four times as wide, shaded and with noise; true fractions."""
     clean = coarse(SIGNALS[fine][..., list(channels)].astype(float))
     x = np.linspace(-1, 1, clean.shape[0]).reshape(-1, 1, 1, 1)
     truth = coarse(np.stack([fine == n for n in range(5)], axis=-1).astype(float))
@@ -370,10 +370,10 @@ def seen(fine, snr, seed=1, channels=(0, 1, 2)):
 
 @pytest.mark.slow
 def test_tissues_of_a_leg_have_their_volumes():
-    """Muscle with streaks of fat and septa of 1.8 mm in pixels of 1.4 mm, as nothing was tuned on.
+    """Muscle with streaks of fat and septa of 1.8 mm in pixels of 1.4 mm, not used for any tuning.
 
-    Labels are as good as they can be, most of each voxel; their volumes are not. Tissues, also
-    bone, are even, and the body has no skin.
+    Labels are the best possible (the majority of each voxel); their volumes are not correct.
+    Tissues, including bone, are uniform, and the body has no skin.
     """
     keys = {"septum": 1.8, "imat": 0.08, "scale": 0.93, "growth": 8.0, "seed": 21}
     leg = make_phantom((352, 352, 3), (0.35, 0.35, 7.0), snr=1e6, bias=0.0, **keys)
@@ -393,7 +393,7 @@ def test_tissues_of_a_leg_have_their_volumes():
 
 
 def halves(step, noise):
-    """Two halves that differ by a step, the border lies within voxels."""
+    """Two halves that differ by a step; the border lies within voxels."""
     share = np.clip(20.3 - np.indices((40, 40, 4))[0], 0.0, 1.0)
     grey = 1.0 + step * share + np.random.default_rng(2).normal(0.0, noise, share.shape)
     return np.where(share > 0.5, 2, 1).astype(np.int32), grey[..., None], share
@@ -405,7 +405,7 @@ def test_a_border_within_voxels_is_found_as_well_as_noise_lets_it(noise):
     found = label_parts(labels, grey, (1.0, 1.0, 1.0))[..., 1]
     hard = abs((labels == 2).sum() / share.sum() - 1.0)
     assert abs(found.sum() / share.sum() - 1.0) < (0.002 if noise < 0.1 else hard)
-    # voxels that are whole stay so, but for what noise makes likely
+    # whole voxels stay whole, up to the effect of noise
     assert np.abs(found - share)[np.abs(share - 0.5) == 0.5].mean() < 0.01
     assert np.abs(found - share)[20].mean() < 0.02 + noise
 
@@ -415,7 +415,7 @@ def test_labels_that_are_alike_or_not_to_be_mixed_keep_their_voxels():
         labels, grey, _ = halves(step, 0.05)
         found = label_parts(labels, grey, (1.0, 1.0, 1.0), unmixed)
         np.testing.assert_array_equal(found[..., 1], labels == 2)
-    # a muscle beside fat and beside air takes its part: kinds below one, without volumes of theirs
+    # muscle beside fat and air: kinds below one take their fraction, without volumes
     labels, grey, share = halves(1.0, 0.01)
     labels = np.where(labels == 2, 2, -1)
     labels[:, 30:], grey[:, 30:] = 0, 0.0
@@ -427,7 +427,7 @@ def test_labels_that_are_alike_or_not_to_be_mixed_keep_their_voxels():
 
 @pytest.mark.parametrize("stride", [1, 2, 3])
 def test_models_hold_the_parts_of_their_voxels(stride):
-    """Volumes are those of the parts, beyond the labels too, in the slices that were chosen."""
+    """Volumes are those of the fractions, also outside the labels, in the chosen slices."""
     random = np.random.default_rng(4)
     i, j, _ = np.indices((24, 20, 14))
     away = np.hypot(i - 11.3, j - 9.6)
@@ -445,7 +445,7 @@ def test_models_hold_the_parts_of_their_voxels(stride):
     assert cloud.fraction.shape == (len(cloud.points), 2)
     mixed = (cloud.fraction > 0.05).all(axis=1)
     assert mixed.sum() > 0.1 * len(cloud.points)
-    # the model looks the way the image did
+    # the model has the orientation of the image
     middle = cloud.points[mixed][:, :2] - cloud.points[:, :2].mean(axis=0)
     assert np.median(np.hypot(*middle.T)) == pytest.approx(4.0, abs=0.5)
 
@@ -467,7 +467,7 @@ def test_parts_that_do_not_go_with_the_labels_are_refused():
     ("where", "becomes", "first"), [((4, 9), 2, 5), ((8, 12), 0, 9), ((8, 12), -1, 9)]
 )
 def test_labels_changed_by_hand_do_not_take_the_parts_of_before(where, becomes, first):
-    """Parts of each voxel whole, but a border within the fifth; then a label is drawn anew."""
+    """All voxels are whole except at a border within the fifth; then a label is redrawn."""
     data = np.where(np.arange(12) < 4, 2, 1).astype(np.int32)[:, np.newaxis, np.newaxis]
     parts = np.stack([data == 1, data == 2], axis=-1).astype(float)
     parts[4] = [0.3, 0.7]
@@ -481,7 +481,7 @@ def test_labels_changed_by_hand_do_not_take_the_parts_of_before(where, becomes, 
 
 @pytest.mark.slow
 def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
-    """`myork run` on a bar whose tissues meet within voxels: labels alone are 3.6 % too stiff."""
+    """`myork run` on a bar whose tissues meet within voxels; labels alone are 3.6 % too stiff."""
     stiff = np.clip(np.arange(18) - 8.35, 0.0, 1.0)[:, None, None] * np.ones((18, 12, 8))
     body = np.zeros((18, 12, 8), np.int32)
     body[3:15, 2:10] = 1
@@ -526,7 +526,7 @@ def test_a_bar_of_two_tissues_pulls_with_their_parts(tmp_path):
     parts = read_image(out / "fractions.nii.gz", values=2).data
     np.testing.assert_allclose(parts.sum(axis=-1), body, atol=1e-6)
     assert "volume by fractions [cm³]" in (out / "report.html").read_text()
-    # the same by name, and none of it after a segmentation without parts
+    # the same by name, and without fractions after a segmentation without them
     (out / "fractions.nii.gz").rename(tmp_path / "parts.nii.gz")
     named = build(deck, out, overrides=["build.fractions=parts.nii.gz"])
     assert named["model"]["volume"] == summary["model"]["volume"]

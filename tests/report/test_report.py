@@ -1,4 +1,4 @@
-"""The report: complete, self-contained, honest about gaps, figures and surfaces in their place."""
+"""The report: complete, self-contained, open about gaps, with figures and surfaces in place."""
 
 import base64
 import json
@@ -38,7 +38,7 @@ VOID = {"meta", "img", "br"}
 
 
 class Page(HTMLParser):
-    """Checks that tags are closed in order; collects what the tests ask for."""
+    """Checks that tags are closed in order; collects the parts that the tests need."""
 
     def __init__(self, path: Path) -> None:
         super().__init__()
@@ -161,7 +161,7 @@ SECTIONS = ("images", "deformation", "planes", "probes", "rom", "run")
 
 
 def keep(folder: Path, *names: str) -> None:
-    """Leave only these files, and in the summary only what makes few figures."""
+    """Keep only these files, and in the summary only the entries of few figures."""
     for path in folder.iterdir():
         if path.name not in names:
             path.unlink()
@@ -218,7 +218,7 @@ def test_only_what_is_there_is_shown(folder, names, sections):
 
 
 def test_a_single_state_is_a_row_of_numbers(folder: Path) -> None:
-    """A dot on an axis says less than the number and its bar."""
+    """A dot on an axis shows less than the number and its bar."""
     keep(folder, "summary.json")
     many = Page(make_report(folder))
     change_summary(folder, lambda summary: summary.update(steps=summary["steps"][-1:]))
@@ -231,7 +231,7 @@ def test_a_single_state_is_a_row_of_numbers(folder: Path) -> None:
 @pytest.mark.parametrize(("change", "badge"), [
     ({"verdict": {"state": "doubtful", "reasons": ["it is off"]}}, "? doubtful"),
     ({"verdict": {"state": "refused", "reasons": ["it is off"]}}, "✗ refused"),
-    # nobody asked
+    # not requested
     ({"verdict": None}, "converged"),
     ({"converged": False}, "✗ not converged, last state at load 1"),
     ({"converged": False, "steps": []}, "✗ no solution"),
@@ -246,7 +246,7 @@ def test_only_an_accepted_answer_is_green(folder: Path, change: dict[str, Any], 
 
 @pytest.mark.slow
 def test_gaps_in_the_summary(folder: Path) -> None:
-    """What the Fortran side could not compute is null; the page shows a dash."""
+    """Values that the Fortran side could not compute are null; the page shows a dash."""
 
     def change(summary: dict[str, Any]) -> None:
         summary["steps"][1]["probes"].update(reaction=None, tip=None)
@@ -359,7 +359,7 @@ def test_plane_body_is_drawn_where_it_is() -> None:
 
 
 def test_planes_show_what_lies_in_them() -> None:
-    """Fibers up, in the coronal plane; tissues by their names."""
+    """Fibers upwards, in the coronal plane; tissues by their names."""
     body = block()
     body = replace(body, fiber=np.tile([0.0, 0.0, 1.0], (len(body.points), 1)))
     figure = bodies.slices_figure(body, MM)
@@ -373,7 +373,7 @@ def test_planes_show_what_lies_in_them() -> None:
 
 
 def test_the_plane_drawn_lies_in_a_body_and_not_between_two() -> None:
-    """Two limbs of unequal size with a gap in the middle; of planes alike the middle one."""
+    """Two limbs of unequal size with a gap in the middle; of equal planes the middle one."""
     lattice = np.stack(np.meshgrid(np.arange(9), np.arange(4), np.arange(5), indexing="ij"), -1)
     limbs = np.concatenate([lattice[:2].reshape(-1, 3), lattice[6:, :, :3].reshape(-1, 3)])
     kept, triangles = bodies._plane(limbs.astype(np.int32), 0)
@@ -387,7 +387,7 @@ def test_the_plane_drawn_lies_in_a_body_and_not_between_two() -> None:
     ("draw", "plane"), [(bodies.plane_figure, True), (bodies.slices_figure, False)]
 )
 def test_places_without_stress_are_marked(draw: Any, plane: bool) -> None:
-    """Where J <= 0: a cross in place of a colour, and all others keep theirs."""
+    """Where J <= 0: a cross in place of a colour; all other points keep their colour."""
     body = block(plane=plane)
     stress = np.where(np.arange(len(body.points)) % 3 == 0, np.nan, body.stress)
     figure = draw(replace(body, stress=stress), MM)
@@ -419,13 +419,13 @@ def test_colours_reach_the_largest_value_but_for_one_far_out() -> None:
 
 @pytest.mark.slow
 def test_page_in_a_browser(folder: Path, open_page: Callable[[str], Any]) -> None:
-    """Nothing on the console, every picture loaded, no scrolling sideways on a narrow screen."""
+    """Nothing on the console, every picture loaded, no horizontal scrolling on a narrow screen."""
     page = open_page(make_report(folder).as_uri())
     loaded = "[...document.images].every(image => image.complete && image.naturalWidth > 100)"
     assert page.evaluate(loaded)
     page.set_viewport_size({"width": 400, "height": 800})
     assert page.evaluate("document.documentElement.scrollWidth") <= 400
-    # letters in wide figures stay legible: the figure scrolls, drawn at half its size at least
+    # letters in wide figures stay legible: the figure scrolls, drawn at least at half its size
     drawn = page.evaluate(
         "[...document.querySelectorAll('figure img')].map(i => i.clientWidth / i.naturalWidth)"
     )
@@ -463,7 +463,7 @@ def test_full_against_reduced() -> None:
     ((0, 1, 2), ()), ((0, 1, 2), (0,)), ((0, 1, 2), (0, 1)), ((2, 0, 1), ()),
 ])  # fmt: skip
 def test_slices_are_canonical(axes: tuple[int, ...], flipped: tuple[int, ...]) -> None:
-    """Label at the right and front, fibers to the right and up: whatever the voxel axes."""
+    """Label at the right and front, fibers to the right and up, for any voxel axes."""
     data = np.zeros((10, 12, 5), dtype=np.int32)
     data[6:9, 7:11, 1:4] = 1  # x from 12 to 18 mm, y from 14 to 22 mm
     vectors = np.where(data[..., None] > 0, [0.6, 0.0, 0.8], 0.0)
@@ -495,13 +495,13 @@ def test_a_single_slice_is_one_picture() -> None:
 
 
 def volume(points: F64, triangles: I32) -> float:
-    """By the divergence theorem: positive where triangles look outwards."""
+    """By the divergence theorem: positive if triangles are oriented outwards."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
 
 
 def areas(points: F64, triangles: I32) -> F64:
-    """Areas of plane triangles: positive where they turn counter-clockwise."""
+    """Areas of plane triangles: positive if they are counter-clockwise."""
     a, b, c = (points[triangles[:, k]] for k in range(3))
     u, v = b - a, c - a
     return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
@@ -531,7 +531,7 @@ def test_the_surface_of_plane_bodies() -> None:
 
 @pytest.mark.parametrize("body", BODIES, ids=lambda body: body.name)
 def test_the_surface_of_voxels(body) -> None:
-    """Slopes in place of stairs: closed, with every point of the surface, little lost."""
+    """Slopes in place of stairs: closed, with every point of the surface, little volume lost."""
     cloud = body_cloud(body, body.sizes[0])
     with Scene.from_tables(dict(body.tables), cloud) as scene:
         points, triangles = scene.points(), scene.surface()
@@ -554,7 +554,7 @@ def test_without_a_lattice_there_is_no_surface() -> None:
 
 @pytest.fixture
 def swept(tmp_path: Path) -> Path:
-    """Thirty points of three keys, of which one does nothing; one failed, one is not solved."""
+    """Thirty points of three keys, one of which has no effect; one failed, one is not solved."""
     folder = tmp_path / "swept"
     folder.mkdir()
     rng = np.random.default_rng(4)

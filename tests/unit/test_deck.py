@@ -1,6 +1,6 @@
-"""Decks: the values that come back, what is said about wrong ones, the schema's offspring.
+"""Decks: their values, error messages about wrong ones, and tests generated from the schema.
 
-All checks are the compiled reader's; tomllib and hashlib are the independent witnesses.
+All checks are those of the compiled reader; tomllib and hashlib are independent references.
 """
 
 import hashlib
@@ -48,7 +48,7 @@ Write = Callable[[str | bytes], Path]
 
 @pytest.fixture
 def write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Write:
-    """Write a deck and stand beside it, so that messages start with the short name."""
+    """Write a deck and change to its folder, so that messages start with the short name."""
     monkeypatch.chdir(tmp_path)
 
     def write_deck(text: str | bytes) -> Path:
@@ -65,7 +65,7 @@ def complaints(path: Path, *overrides: str) -> list[str]:
 
 @pytest.mark.parametrize("path", DECKS, ids=lambda path: path.stem)
 def test_deck_in_inputs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """As a file, as its tables and as the text of these: what tomllib reads of it."""
+    """As a file, as its tables and as the text of these: compared with tomllib."""
     monkeypatch.chdir(path.parent)
     written = tomllib.loads(path.read_text(encoding="utf-8"))
     deck = load_deck(path, command="solve" if "geometry" in written else "")
@@ -76,7 +76,7 @@ def test_deck_in_inputs(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
                 # one value stands for an array of them, one number for all directions
                 assert other[key] in (value, [value]) or {*other[key]} == {value}, (table, key)
     assert deck["title"] == written["title"]
-    # files that a scene is made of are part of it
+    # files from which a scene is made are part of it
     alone = "labels" not in written.get("geometry", {})
     assert (deck["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()) == alone
     assert deck["folder"] == str(path.parent)
@@ -112,7 +112,7 @@ def test_byte_order_mark_and_windows_lines(write: Write, text: str | bytes) -> N
     ("pulled strip.v2.toml", "pulled strip.v2"),
     ("Müller's", "Müller's"),
     (".toml", ".toml"),
-    # names that no text of a deck can be
+    # names that no text of a deck can have
     (" .toml", "scene"),
     ("a\udce9.toml", "scene"),
     ("'''.toml", "scene"),
@@ -166,12 +166,12 @@ def test_override(write: Write, override: str, place: tuple[Any, ...], value: ob
     ("material.K", "material.muscle.K"),
     (" material.2.K ", "material.fat.K"),
     ("probe.point", "probe.mid.point"),
-    # tables and keys that the deck does not have yet
+    # tables and keys that the deck does not yet have
     ("galerkin.gauss", "galerkin.gauss"),
     ("material.fat.activation", "material.fat.activation"),
 ])  # fmt: skip
 def test_full_name_of_a_key(write: Write, key: str, full: str) -> None:
-    # what else is wrong with the deck is said elsewhere
+    # other faults of the deck are reported elsewhere
     assert deck_key(write(BLOCK.replace("steps = 4", "steps = -4")), key) == full
     assert deck_key("text", key, ["load.steps=2"], BLOCK) == full
     with pytest.raises(InputError, match="case.toml: laod: unknown table; did you mean 'load'"):
@@ -203,13 +203,13 @@ def test_overrides_come_after_the_deck_in_order_and_are_hashed(write: Write) -> 
      "scene.method = rkcm: it needs the pressure as an unknown"),
 ])  # fmt: skip
 def test_wrong_override(write: Write, override: str, message: str) -> None:
-    """One complaint, of the first one where others stand behind it."""
+    """One error, of the first override if several are wrong."""
     first, *others = override.split("; ")
     (line,) = complaints(write(BLOCK), first, *others)
     assert line.startswith(f"--set {first}: {message}")
 
 
-#: What replaces lines of BLOCK, and what is said of it
+#: Replacements of lines of BLOCK, and the messages
 WRONG = [
     # unknown keys and tables
     ("steps = 4", "stepz = 4", "load.stepz: unknown key; did you mean 'steps'?"),
@@ -217,15 +217,15 @@ WRONG = [
     ("K = 4000", "K = 1\nk_bulk = 1", "material.fat.k_bulk: unknown key; known keys are: name,"),
     ("[load]", "[loads]", "loads: unknown table; did you mean 'load'?"),
     ('title = "block"', 'title = "b"\nK = 1', "K: unknown key; 'K' belongs to [[material]]"),
-    # texts and numbers that no type forbids
+    # texts and numbers that no type allows
     ('name = "fat"', 'name = " "', "material.2.name: must not be empty"),
     ("K = 5000", "K = nan", "material.muscle.K: must be a positive number or inf, not nan"),
     ("label = 2", "label = 3000000000", "material.fat.label: must be below 2147483648 in size"),
-    # where other keys decide
+    # values whose validity depends on other keys
     ('set = "z1"', 'set = "z0"', "boundary.z0.set: the text 'z0' is already used by case.t"),
     ("label = 2", "label = 1", "material.fat.label: 1 is already used by case.toml:14"),
     ("u_x = 0", "u_x = 0\npull = 1", "boundary.z0.pull: needs tendon beside it"),
-    # what is missing
+    # missing entries
     ('[units]\nforce = "N"\nlength = "cm"', "", "units: missing, the table [units] is needed"),
     ("u_x = 0", "", "boundary.z0: needs one of the keys u_x, u_y, u_z, rad"),
     ('quantity = "force"\nset = "z0"', 'quantity = "force"', "probe.pull.set: missing, a text is "),
@@ -235,7 +235,7 @@ WRONG = [
 
 @pytest.mark.parametrize(("old", "new", "message"), WRONG)
 def test_wrong_line(write: Write, old: str, new: str, message: str) -> None:
-    """One complaint, at the wrong line or the table that lacks one."""
+    """One error, at the wrong line or at the table that lacks one."""
     assert BLOCK.count(f"{old}\n") == 1
     text = BLOCK.replace(f"{old}\n", f"{new}\n" if new else "")
     lines = complaints(write(text))
@@ -275,21 +275,21 @@ def test_all_complaints_by_line(write: Write) -> None:
 
 
 def test_many_complaints_are_not_cut_off(write: Write) -> None:
-    """Beyond the 2048 characters that a message of the core has."""
+    """Beyond the 2048 characters of a message of the core."""
     for count, most, end in (
         (100, 100, ": reference.key_99: unknown key"),
         (1000, 101, "case.toml: and 900 more"),
     ):
         lines = complaints(write(BLOCK + "".join(f"key_{i} = 1\n" for i in range(count))))
         assert len(lines) == most and end in lines[-1]
-    # a name that is wrong is compared with those that are there, of which some are listed
+    # a wrong name is compared with existing ones, some of which are listed
     probes = "".join(f'[[probe]]\nname = "p{i}"\nquantity = "energy"\n' for i in range(200))
     wrong = BLOCK.replace('[[exact]]\nprobe = "mid"', '[[exact]]\nprobe = "nowhere"')
     (line,) = complaints(write(wrong + probes))
     assert "there are: mid, pull, p0, " in line and line.endswith("p97 and 102 more")
 
 
-#: An entry that may stand in a deck any number of times, by its table
+#: An entry that a deck may contain any number of times, by its table
 ENTRY = {
     "boundary": 'set = "s{}"\nu_x = 0\n',
     "amplitude": 'name = "t{}"\ntime = [0]\nvalue = [1]\n',
@@ -300,7 +300,7 @@ ENTRY = {
 
 @pytest.mark.parametrize("table", ENTRY)
 def test_counts_have_limits(write: Write, table: str) -> None:
-    """As many entries as are allowed are read in time that grows as their number; no more are."""
+    """The allowed number of entries is read in time proportional to it; more are refused."""
     most = 10_000 if table in ("probe", "reference") else 1000
     there = BLOCK.count(f"[[{table}]]")
 
@@ -342,7 +342,7 @@ def test_arrays_have_limits(write: Write) -> None:
     (b"[material]\n", "case.toml:1: material: is an array of tables: write [[material]] inst"),
     (b"\nload = 3\n", "case.toml:2: load: must be a table [load], not an integer"),
     (b"[load.steps]\nx = 1\n", "case.toml:1: load.steps: must be an integer, not a table"),
-    # slips have a cure
+    # remedies for typing errors
     (b"a = box\n", "case.toml:1:*a text needs quotes"),
     (b"a = 10,5\n", "case.toml:1:*decimals have a point"),
 ])  # fmt: skip
@@ -375,7 +375,7 @@ def test_deck_reference_is_current(pages: SimpleNamespace) -> None:
     assert written == text, "run python docs/reference.py"
 
 
-#: What a deck has for a value that the schema names by its kind
+#: A value in a deck for each kind of value in the schema
 _WORDS = {"an expression": "x"}
 
 #: Values of another type
@@ -384,7 +384,7 @@ OTHER_TYPE = {"text": True, "integer": "x", "number": True, "boolean": 3, "texts
 
 
 def valid(key: dict[str, Any]) -> Any:
-    """A value that a key may have by itself."""
+    """A value that a key may have on its own."""
     if "choices" in key:
         one = key["choices"][0]
     elif key["type"] in ("text", "texts", "boolean"):
@@ -398,19 +398,19 @@ def valid(key: dict[str, Any]) -> Any:
 
 
 def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[str, Any], str]]:
-    """Keys of a table, decks that break one of their declarations each, and what is said."""
+    """Keys of a table, decks that violate one of their declarations each, and the message."""
     table = schema[name]
     keys = table["keys"]
 
     def deck(own: dict[str, Any], but: str = "", **entry: Any) -> dict[str, Any]:
-        """A deck with an entry, where all conditions of its table and a key hold but one."""
+        """A deck with an entry that satisfies all conditions of its table and a key except one."""
         tables = {"scene": {"dimension": 3, "method": "rkpm-gauss"}, name: {}}
         for place, allowed in (table.get("only_if", {}) | own.get("only_if", {})).items():
             there, _, last = place.rpartition(".")
             condition = schema[there or name]["keys"][last]
             value = allowed[0] if allowed else valid(condition)
             if place == but:
-                # a set of another name, where the names depend on the body
+                # a set of another name, if the names depend on the body
                 others = condition.get("choices", ["elsewhere"])
                 others = [c for c in others if c not in [*allowed, "auto"]]
                 value = others[0] if allowed and others else None
@@ -459,7 +459,7 @@ def violations(schema: dict[str, Any], name: str) -> Iterator[tuple[str, dict[st
 
 
 def test_every_declaration_is_enforced(pages: SimpleNamespace) -> None:
-    """Types, ranges, choices, lengths and conditions of all keys: each is broken once."""
+    """Types, ranges, choices, lengths and conditions of all keys: each is violated once."""
     schema = pages.read_schema(SCHEMA)
     count, wrong = 0, []
     for name in schema.keys() - {""}:
@@ -477,7 +477,7 @@ def test_every_declaration_is_enforced(pages: SimpleNamespace) -> None:
 
 
 def test_every_table_has_an_example_with_known_keys(pages: SimpleNamespace) -> None:
-    """A deck of inputs/ that has it, which the tests read, or lines of the schema."""
+    """Either a deck of inputs/ that the tests read, or lines of the schema."""
     for name, table in pages.read_schema(SCHEMA).items():
         if "example" in table:
             (found,) = tomllib.loads(table["example"]).items()

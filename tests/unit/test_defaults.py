@@ -1,4 +1,4 @@
-"""What a deck gets that names no method, order, support, load steps or blocks of voxels."""
+"""Defaults of a deck without method, order, support, load steps or blocks of voxels."""
 
 import re
 from collections.abc import Callable
@@ -14,13 +14,13 @@ from myork.records import PointCloud
 from tests import scenes
 from tests.scenes import annulus, box, contracting, held, probes, scene, solved, voxels
 
-#: Tables of small bodies, and what a form gives where they name nothing
+#: Tables of small bodies, and the form chosen by default
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}
 SHEET = scene("auto", box(5, 3, size=[2, 1]), material=[RUBBER], boundary=[held("y0", 2)])
 del SHEET["scene"]["method"]
 ANNULUS = annulus(5, 9, radii=(1, 2))
 CUBE = {"scene": {"dimension": 3}, "geometry": box(3, 3, 3)}
-#: Points of the sheet on its surface and within
+#: Points of the sheet on its surface and inside
 _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
 
 
@@ -35,7 +35,7 @@ _ON, _WITHIN = [0.5, 1.0], [0.5, 0.5]
     ({"material": [{**RUBBER, "K": 1e7}]}, "rkpm-gauss"),
 ])  # fmt: skip
 def test_the_form_that_auto_takes(tables: dict[str, Any], method: str) -> None:
-    """Of linear problems test_linear.test_patch."""
+    """Linear problems: test_linear.test_patch."""
     assert load_deck({**SHEET, **tables})["scene"]["method"] == method
 
 
@@ -59,7 +59,7 @@ def test_a_search_holds_displacements_exactly(change: dict[str, Any], essential:
     ([2, 1, 0.2], [17, 9, 7]), ([2, 1], [17, 9]), ([40, 1], [65, 9]),
 ])  # fmt: skip
 def test_points_where_a_search_begins(size: list[float], source: list[int]) -> None:
-    """A plate has no more of them in all than a bar."""
+    """A plate gets no more of them in total than a bar."""
     tables = {"scene": {"dimension": len(size)}, "geometry": {"kind": "box", "size": size}}
     tables["boundary"] = [held("y0", len(size))]
     assert load_deck({**SHEET, **tables})["geometry"]["source"] == source
@@ -79,10 +79,10 @@ def probed(quantity: str, point: list[float], **tables: Any) -> dict[str, Any]:
     return tables | {"probe": [{"name": "there", "quantity": quantity, "point": point}]}
 
 
-#: What a form takes of order 1 and of order 2
+#: Defaults of a form for order 1 and for order 2
 FIRST, SECOND = {"order": 1, "support": 2.0}, {"order": 2, "support": 3.0}
-#: Narrower ones than these leave a wave at walls that meet a plane of symmetry. On annuli windows
-#: turn with the angle, and a large penalty would spoil the force.
+#: Narrower supports leave oscillations at walls that meet a plane of symmetry. On annuli windows
+#: turn with the angle, and a large penalty would corrupt the force.
 WIDE = SECOND | {"kernel": "quintic", "gauss": 2, "window": "product", "penalty": 100.0}
 TURNED = WIDE | {"gauss": 3, "window": "polar", "penalty": 10.0}
 NARROW = WIDE | {"kernel": "cubic"}
@@ -90,9 +90,9 @@ WALL = ("cauchy_xx", [0.0, 1.0])
 
 
 @pytest.mark.parametrize(("tables", "wanted"), [
-    # a support that fits the order
+    # a support that suits the order
     *(({"approximation": {"order": n}}, {"order": n, "support": n + 1.0}) for n in range(1, 5)),
-    # stresses on the surface of plane bodies ask for order 2
+    # stresses on the surface of plane bodies require order 2
     (probed("cauchy_xy", _ON), SECOND),
     (probed("principal_max", [0.0, 0.3]), SECOND),
     (probed("cauchy_xy", _WITHIN), FIRST),
@@ -104,7 +104,7 @@ WALL = ("cauchy_xx", [0.0, 1.0])
     (probed("cauchy_xy", _ON, scene={"dimension": 2, "method": "rkpm-scni"}), FIRST),
     (probed("cauchy_rr", [0.6, 0.8], geometry=ANNULUS), SECOND),
     (probed("cauchy_tt", [0.0, 1.5], geometry=ANNULUS), SECOND),
-    # annuli take it whatever is asked, where they have points for it
+    # annuli take it in any case, if they have enough points
     (probed("cauchy_rr", [0.9, 1.2], geometry=ANNULUS), SECOND),
     (probed("u_x", [0.9, 1.2], geometry={**ANNULUS, "source": [2, 9]}), FIRST),
     (probed("cauchy_xy", [0.5, 1.0, 0.5], **CUBE), FIRST),
@@ -141,7 +141,7 @@ def test_the_default_stress_of_muscle_is_in_other_units(
         assert f"30 N/cm^2, but its unit in this deck is {units[0]}/{units[1]}^2" in said[0]
 
 
-# ---- blocks of voxels that nobody chose: finer across thin layers --------------------------------
+# ---- default blocks of voxels: finer across thin layers ------------------------------------------
 
 
 def built(filled: np.ndarray, stride: int = 2) -> PointCloud:
@@ -165,7 +165,7 @@ def tables(tissues: int = 1) -> dict:
 
 @pytest.fixture
 def points(tmp_path: Path) -> Callable[..., int]:
-    """Source points by `myork explain` of a model, which are the corners of its blocks."""
+    """Source points of a model (the corners of its blocks) by `myork explain`."""
 
     def explained(cloud: PointCloud, tissues: int = 1, words: Any = (), **more: dict) -> int:
         write_model(tmp_path / "model.h5", cloud)
@@ -181,7 +181,7 @@ def points(tmp_path: Path) -> Callable[..., int]:
 
 
 def corners(*blocks: int) -> int:
-    """Corners of the blocks of a box."""
+    """Number of corners of the blocks of a box."""
     return int(np.prod(np.array(blocks) + 1))
 
 
@@ -189,7 +189,7 @@ def test_layers_of_fewer_than_four_blocks_take_single_voxels(points) -> None:
     assert points(built(np.ones((8, 16, 16)))) == corners(4, 8, 8)
     assert points(built(np.ones((6, 16, 16)))) == corners(6, 8, 8)
     assert re.search("6 x 8 x 8 of voxels.*single voxels along x", points.said)
-    # tissues shear along each other from the held ends on
+    # tissues shear along each other from the fixed ends on
     assert points(built(layered(16, 16, 16, thick=8)), 2) == corners(8, 8, 8)
     assert points(built(layered(16, 16, 16, thick=4)), 2) == corners(16, 8, 16)
 
@@ -207,7 +207,7 @@ def test_what_somebody_chose_stays(points) -> None:
     assert points(cloud, build={"source_stride": [2, 2, 2]}) == corners(3, 8, 8)
     assert points(cloud, words=("geometry.blocks=[2,4,5]",)) == corners(2, 4, 5)
     assert "single voxels" not in points.said
-    # an override is a choice also where the deck has no [build]
+    # an override is a choice even if the deck has no [build]
     chosen = "build.source_stride=[2,2,2]"
     assert points(cloud, words=(chosen,)) == corners(3, 8, 8)
     assert points(cloud, build={"ids": [1]}, words=(chosen,)) == corners(3, 8, 8)
@@ -216,7 +216,7 @@ def test_what_somebody_chose_stays(points) -> None:
 
 
 def test_blocks_become_finer_as_far_as_they_do_not_become_many(points) -> None:
-    # along z the rows of a tissue are longer than across its layers: z gives way first
+    # along z the rows of a tissue are longer than across its layers: z is coarsened first
     assert points(built(layered(16, 32, 12, thick=4)), 2) == corners(16, 16, 12)
     assert points(built(layered(16, 32, 24, thick=4)), 2) == corners(16, 16, 12)
     assert points(built(layered(32, 32, 32, thick=4)), 2) == corners(16, 16, 16)

@@ -1,4 +1,4 @@
-"""Ctrl-C, threads and the end of the interpreter around a solve in memory; bits on two threads."""
+"""Ctrl-C, threads and the end of the interpreter during a solve in memory; bits on two threads."""
 
 import hashlib
 import json
@@ -35,7 +35,7 @@ def long_scene(**changes):
 
 @pytest.fixture(scope="module")
 def whole():
-    """States of a solve that nobody disturbs, and how long it took."""
+    """States of an undisturbed solve, and its duration."""
     with long_scene() as scene:
         started = time.perf_counter()
         states = scene.solve()
@@ -104,7 +104,7 @@ def test_a_busy_scene_refuses_questions_and_answers_after(whole):
         assert asked and np.array_equal(states.x, whole[0].x)
         assert np.array_equal(scene.states.x, states.x)
         assert scene.fields(states.x[-1], 1.0).u.shape == (scene.collocation_points, 3)
-        # those of the last solve, which was none
+        # those of the last solve, which had none
         refuses("no reduced model", scene.solve_reduced, "")
         assert scene.states is None
 
@@ -127,7 +127,7 @@ def ended(code, *words, **more):
 @pytest.mark.slow
 @pytest.mark.parametrize("ending", ["", "sys.exit(0)", "raise SystemExit"])
 def test_the_interpreter_ends_while_another_thread_solves(ending):
-    """Daemon threads run on while Python ends: the scene is closed under them."""
+    """Daemon threads keep running while Python exits: the scene is closed under them."""
     code = f"""
 import sys, threading, time
 sys.path.insert(0, {str(os.path.dirname(__file__))!r})
@@ -144,7 +144,7 @@ time.sleep(0.2)
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["SIGINT", "SIGTERM"])
 def test_a_signal_amid_the_import_of_numpy(name):
-    """It waits until numpy is whole: half of it had been a broken installation, and a traceback."""
+    """It waits until numpy is loaded: half of it gave a broken installation and a traceback."""
     code = f"""
 import os, signal, sys
 from myork.cli import main
@@ -184,7 +184,7 @@ def level_sets():
 
 
 def all_cases(cases, threads):
-    """What Python hands out of all cases."""
+    """All results of all cases that Python returns."""
     for name, (deck, overrides) in cases.items():
         with Scene(deck, overrides, threads=threads) as scene:
             states = scene.solve()
@@ -200,7 +200,7 @@ def all_cases(cases, threads):
 
 
 def on_one_and_two_threads(path):
-    """A line of all cases for each number of threads."""
+    """One line for all cases for each number of threads."""
     cases = json.loads(Path(path).read_text(encoding="utf-8"))
     for threads in (1, 2):
         with core_threads(threads):
@@ -208,7 +208,7 @@ def on_one_and_two_threads(path):
 
 
 def run(function: str, word: object, **environment: str) -> list[str]:
-    """Lines that a function of this module says of a word, in a process without the limits that
+    """Lines that a function of this module prints for a word, in a process without the limits that
     the tests run under.
     """
     kept = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "OPENBLAS_"))}
@@ -223,8 +223,8 @@ def run(function: str, word: object, **environment: str) -> list[str]:
 def test_python(inputs: Path, tmp_path: Path) -> None:
     """Scenes, a reduced model, level sets and shape functions in one process.
 
-    The bodies are large enough for OpenBLAS to divide their matrices when it may: were libraries
-    not held to one thread, every dense or sparse factor would differ, by 1e-16 to 1e-10.
+    The bodies are large enough for OpenBLAS to divide their matrices if it may: unless libraries
+    are limited to one thread, every dense or sparse factor would differ, by 1e-16 to 1e-10.
     """
     cases = {name: (str(inputs / f"{deck}.toml"), more) for name, (deck, more) in CASES.items()}
     (tmp_path / "cases.json").write_text(json.dumps(cases), encoding="utf-8")
@@ -234,7 +234,7 @@ def test_python(inputs: Path, tmp_path: Path) -> None:
 
 
 def forked(path):
-    """Whether children of a process that has used its threads answer as it does."""
+    """Whether children of a process that has used its threads give the same answers."""
     block = scenes.box(5, 5, 5, places=(5, 5, 5))
     tables = scenes.gripped("rkpm-scni", block, scenes.neo(20, 500), "x0 x1", u_x=0.2)
     scene, rom = Scene.from_tables(tables), ReducedModel.load(path, threads=2)
@@ -250,7 +250,7 @@ def forked(path):
     here = answers()
 
     def child():
-        signal.alarm(60)  # a child that waits for threads that are not there ends by this
+        signal.alarm(60)  # stops a child that waits for threads that do not exist
         os._exit(0 if answers() == here else 1)
 
     first = multiprocessing.get_context("fork").Process(target=child)
@@ -266,5 +266,5 @@ def forked(path):
 
 @pytest.mark.slow
 def test_children_of_a_fork(voxel_rom: Path) -> None:
-    """None of their parent's threads come along: the first parallel region waited for them."""
+    """They inherit none of their parent's threads; the first parallel region waited for them."""
     assert run("forked", voxel_rom, OMP_NUM_THREADS="2") == ["0 0"]

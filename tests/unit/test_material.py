@@ -34,7 +34,7 @@ ISOTROPIC = [
     RUBBER, made("tissue", 5e4, A10=30, A20=80, A30=800), made("fat", 5e3, A10=3, A20=8, A30=80),
     FULL, made("second", 50, A01=2, A02=0.4), made("matrix", 5e3, **MATRIX),
 ]  # fmt: skip
-#: Energies that are given as expressions, or have the name of one, with their formulas in Python
+#: Energies given as expressions, or under their names, with their formulas in Python
 WRITTEN = {
     "neo": (made("neo", 50, "neo-hookean", mu=7.0), "mu/2*(I1-3)"),
     "mooney": (made("mooney", 50, "mooney-rivlin", C1=3.0, C2=-1.0), "C1*(I1-3) + C2*(I2-3)"),
@@ -78,12 +78,12 @@ def random_rotation(rng):
 
 
 def fiber_stretch(f, fiber):
-    """Stretch of the fiber without change of volume, below (4.34); F may be complex."""
+    """Isochoric stretch of the fiber, below (4.34); F may be complex."""
     return np.sqrt(fiber @ (f.T @ f) @ fiber) * np.linalg.det(f) ** (-1 / 3)
 
 
 def invariants(f):
-    """I1 and I2 of C without change of volume, and J; F may be complex."""
+    """Isochoric I1 and I2 of C, and J; F may be complex."""
     c, j = f.T @ f, np.linalg.det(f)
     i1, i2 = np.trace(c), (np.trace(c) ** 2 - np.trace(c @ c)) / 2
     return i1 * j ** (-2 / 3), i2 * j ** (-4 / 3), j
@@ -138,7 +138,7 @@ def curves(stretch, **parameters):
     """Energy and force of active and of passive fibers (4.37), (4.38), as corrected, at normalised
     stretches: of a uniaxial stress two thirds are deviatoric.
     """
-    # soft, so that little of the digits is lost with the matrix
+    # soft, so that few digits are lost to the matrix
     muscle = made("muscle", 1.0, "muscle", sigma_max=30.0, A10=1e-3, **parameters)
     f = np.array([np.diag([s, s**-0.5, s**-0.5]) for s in stretch])
 
@@ -159,7 +159,7 @@ def at(material, f, second=None, **options):
 
 
 def cases():
-    """Material, fiber, activation, lambda* wanted (none: as it comes)."""
+    """Material, fiber, activation, requested lambda* (None: unspecified)."""
     found = {m.name: (m, NO_FIBER, 0.0, None) for m in ISOTROPIC}
     found["muscle-without-fiber"] = MUSCLE, NO_FIBER, 0.7, None
     # One lambda* in every branch of (4.37), (4.38), and in every zone of the smooth curves, which
@@ -177,7 +177,7 @@ def cases():
 
 
 def placed(material, f, fiber, wanted):
-    """The material with lambda_o such that the fiber has the normalised stretch wanted."""
+    """The material with lambda_o such that the fiber has the requested normalised stretch."""
     if wanted is None:
         return material
     return material.replace(lambda_o=float(fiber_stretch(f, fiber)) / wanted)
@@ -212,7 +212,7 @@ def check_derivatives(law, f, rng, **options):
     slope = slopes(lambda g: cm.energy(law, g, **options), f, direction)[0]
     scale = np.linalg.norm(expected) * np.linalg.norm(direction)
     assert abs(slope - np.sum(expected * direction)) < 1e-8 * scale
-    # the stress is that of the reference at any gradient
+    # the stress agrees with the reference at any gradient
     c4 = slopes(lambda g: cm.stress(law, g, **options), f, *np.eye(9).reshape(9, 3, 3))
     assert_close(result.tangent, c4.reshape(3, 3, 3, 3).transpose(2, 3, 0, 1), 1e-8)
     still = np.zeros((3, 3, 3, 3))
@@ -244,7 +244,7 @@ def test_plane_strain_is_the_part_of_space(material, fiber, activation, wanted):
 
 @pytest.mark.parametrize("curve", ["published", "smooth"])
 def test_at_rest_nothing_pulls_but_active_fibers(curve):
-    """These with sigma_max; energies of passive materials are zero there."""
+    """Active fibers with sigma_max; energies of passive materials are zero there."""
     rest = np.eye(3)[None]
     muscle = MUSCLE.replace(curve=curve)
     named = [WRITTEN[name][0] for name in ("neo", "mooney", "yeoh", "gent", "fung", "holzapfel")]
@@ -259,14 +259,14 @@ def test_at_rest_nothing_pulls_but_active_fibers(curve):
 def test_volumetric_part_is_exact_for_any_bulk_modulus(bulk):
     rng = np.random.default_rng(2)
     law = FULL.replace(K=bulk)
-    # shear keeps the volume: no spurious pressure, even where 1e-16 K would be seen
+    # shear keeps the volume: no spurious pressure, even where 1e-16 K would be visible
     shear = np.eye(3) + np.outer([5.0, 0, 0], [0, 1, 0])
     with_k, without_k = (at(law, shear, volumetric=own).stress for own in (True, False))
     np.testing.assert_array_equal(with_k, without_k)
     # small dilation: J - 1 has an error of 3 roundings of J, 3.3e-16/3e-6 = 1e-10
     exact = bulk * (3e-6 + 3e-12 + 1e-18) * (1 + 1e-6) ** 2
     assert at(law, np.diag([1 + 1e-6] * 3)).stress[0, 0] == pytest.approx(exact, rel=1e-9)
-    # what K adds is K (J - 1) cof F and its derivatives; what it leaves is free of K
+    # the part of K is K (J - 1) cof F and its derivatives; the remainder does not depend on K
     f, h = random_gradient(rng), rng.standard_normal((3, 3, 3))
     full, rest = at(law, f, h), at(law, f, h, volumetric=False)
     soft = at(law.replace(K=1.0), f, h, volumetric=False)
@@ -299,7 +299,7 @@ def test_points_are_independent():
             np.testing.assert_array_equal(a[i], b)
     only = cm.stress(MUSCLE, f, fiber=fibers, activation=0.3)
     np.testing.assert_array_equal(only, together.stress)
-    # a fiber that is not a number is not taken for none
+    # a fiber that is not a number does not count as none
     assert np.isnan(cm.stress(MUSCLE, np.eye(3)[None], fiber=[np.nan, 0, 0])).all()
 
 
@@ -326,7 +326,7 @@ def test_smooth_curves_stay_near_the_published_ones():
     # both have a peak or a scale of one
     for own, other in zip((active, passive), published, strict=True):
         assert np.abs(own - other).max() < 0.02
-    assert active.min() > -1e-14  # rounding where the force runs out at 1.6
+    assert active.min() > -1e-14  # rounding where the force vanishes at 1.6
     assert not active[(stretch <= 0.4) | (stretch > 1.6)].any()
     assert not passive[stretch <= 1].any() and np.diff(passive).min() >= 0
     inside = stretch <= 1.8
@@ -335,13 +335,13 @@ def test_smooth_curves_stay_near_the_published_ones():
     assert np.diff(active[(stretch > 0.4) & (stretch < 1)]).min() > 0
 
 
-#: Parameters that cannot be, and what is said of them
+#: Impossible parameters, and the messages
 IMPOSSIBLE = [
     *(("muscle", {**MUSCLE.parameters, **changes}, words) for changes, *words in (
         ({"K": math.inf}, "K = inf", "volumetric=False"),
         ({"A01": -6.43}, "A10 + A01 = 0", "positive"),
     )),
-    # one that a model has to have, as the schema says (test_deck)
+    # a parameter that a model must have, according to the schema (test_deck)
     *(("soft", {"K": 50.0, "model": "neo-hookean", **changes}, words) for changes, *words in (
         ({}, "mu: missing, a number is needed for model = neo-hookean"),
         ({"model": "mooney-rivlin", "C1": 1, "C2": -1}, "C1 + C2 = 0", "positive"),
@@ -366,7 +366,7 @@ IMPOSSIBLE = [
 
 @pytest.mark.parametrize(("name", "parameters", "words"), IMPOSSIBLE)
 def test_impossible_parameters_are_refused_by_name(name, parameters, words):
-    """What the law itself finds."""
+    """Checks made by the law itself."""
     said = "".join(f"(?=.*{re.escape(word)})" for word in (name, *words))
     refuses(f"(?s){said}", lambda: cm.stress(cm.Material(name, **parameters), np.eye(3)[None]))
 
@@ -386,7 +386,7 @@ def test_wrong_shapes_and_choices_are_refused(call):
 
 @pytest.mark.parametrize("model", ["polynomial", "muscle"])
 def test_defaults_are_those_of_decks(model):
-    """One place for values: a deck without a key and a material without it have the same."""
+    """Values have a single source: a deck without a key and a material without it have the same."""
     deck = load_deck({"material": [{"name": "it", "model": model, "K": 7.0}]})["material"][0]
     own = made("it", 7.0, model)
     assert own.parameters == {k: deck[k] for k in deck if k != "name"}
@@ -396,8 +396,8 @@ def test_defaults_are_those_of_decks(model):
 
 
 def test_a_law_with_a_limit_is_not_left_by_a_step():
-    """Gent's rubber drawn to 1.35 keeps I1 - 3 below Jm = 0.4; to 1.6 no state does, and none is
-    written."""
+    """Gent's rubber stretched to 1.35 keeps I1 - 3 below Jm = 0.4; at 1.6 no state exists, and none
+    is written."""
 
     def pulled(stretch):
         return solved(scene(
@@ -416,6 +416,6 @@ def test_a_law_with_a_limit_is_not_left_by_a_step():
 
 
 def test_where_a_material_lies_is_no_parameter() -> None:
-    """`myork check` asks for the law of a table that fills a part of a box."""
+    """`myork check` evaluates the law of a table that fills a part of a box."""
     table = {"name": "gel", "model": "neo-hookean", "mu": 2.0, "K": 10.0, "where": "x > 1"}
     assert cm.energy(cm.Material.of_table(table), [1.1 * np.eye(3)])[0] > 0.0

@@ -15,7 +15,7 @@ from tests.scenes import box, gripped, held, refused, refuses, scene, voxels
 
 RAMP = {"name": "pull", "time": [0, 1], "value": [0, 1]}
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 500.0}
-#: Forms with options that let a coarse block converge
+#: Forms with options with which a coarse block converges
 METHODS: dict[str, Any] = {"rkpm-gauss": {}, "rkpm-scni": {}, "rkcm": {"order": 2, "support": 2.5}}
 
 
@@ -38,25 +38,25 @@ def solved(deck: dict[str, Any]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def times(time: list[float], name: str = "other") -> dict[str, Any]:
-    """An amplitude that nothing follows: its times are load steps."""
+    """An amplitude that nothing uses: its times are load steps."""
     return {"name": name, "time": time, "value": [0] * len(time)}
 
 
-# of so few points collocation has saddles on the way, and its answer is refused
+# with so few points collocation has saddles on the path, and its answer is refused
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_a_plate_follows_its_amplitude_and_all_knots_are_steps(method: str) -> None:
     deck = block(method, load={"steps": 2})
     load, probes, _ = solved(deck)
     assert load.tolist() == [0.4, 0.5, 0.7, 1.0]
-    # forms that hold plates by a penalty miss the value by a little
+    # forms that prescribe plates by a penalty miss the value slightly
     np.testing.assert_allclose(probes[:, 0], [0.2, 0.2, 0.2, 0.1], atol=4e-3)
-    # held still, nothing changes; drawn back, it pulls less
+    # with a fixed plate nothing changes; moved back, it pulls less
     np.testing.assert_allclose(probes[1:3, 1], probes[0, 1], rtol=1e-6)
     assert 0 < probes[3, 1] < probes[0, 1]
 
 
 def test_load_times_of_all_kinds_are_merged() -> None:
-    """Equal steps and knots, those that are there twice but for rounding, and 0, which is rest."""
+    """Equal steps and knots, without duplicates up to rounding, and without 0, which is rest."""
     others = times([0, 0.25, 0.4 + 1e-12, 0.9]), times([0, 0.3, 0.4 - 1e-12, 0.95], "third")
     deck = block(load={"steps": 2})
     deck["amplitude"] = [*deck["amplitude"], *others]
@@ -82,7 +82,7 @@ def test_the_ramp_is_an_amplitude_like_others() -> None:
     del plain["amplitude"], plain["boundary"][1]["amplitude"]
     for one, other in zip(solved(by_name), solved(plain), strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
-    # an activation of zero, as at the end of a range of them, may follow one
+    # an activation of zero, as at the end of a range, may follow an amplitude
     zero = with_amplitude({"amplitude": "pull", "activation": 0.0})
     np.testing.assert_array_equal(solved(zero)[1], solved(with_amplitude())[1])
 
@@ -95,7 +95,7 @@ def test_a_programme_that_ends_at_rest_is_judged_by_its_way(tmp_path: Path) -> N
     assert summary["verdict"] == {"state": "accepted", "reasons": []}
     bars = [step["probe_errors"]["pull"] for step in summary["steps"]]
     pull = summary["steps"][0]["probes"]["pull"]
-    # each state has a bar of its own: held still the same one, at rest hardly any
+    # each state has its own bar: the same with a fixed plate, almost none at rest
     assert 1e-3 * pull < bars[0] == pytest.approx(bars[1], rel=1e-6)
     assert bars[2] < 1e-5 * pull
 
@@ -110,7 +110,7 @@ def test_each_muscle_has_an_activation_of_its_own() -> None:
     own["material"][0]["amplitude"] = "hold"
     own["amplitude"].append({"name": "hold", "time": [0, 0.2], "value": [0, 1]})
     load, probes, _ = solved(own)
-    # active already while it is stretched
+    # already active while it is stretched
     assert load[0] == 0.2 and probes[0, 1] > together[1][0, 1] / 2
 
 
@@ -153,7 +153,7 @@ WHOLE = [
 
 
 def test_work_is_stored_energy_and_what_activation_adds() -> None:
-    """Energy changes by the work of the plate, and by activation alone while the plate stands."""
+    """Energy changes by the work of the plate, and by activation alone while the plate is fixed."""
     deck = block(load={"steps": 40}, probe=WHOLE)
     deck["material"][0] |= {"activation": 0.3, "amplitude": "excite"}
     deck["amplitude"] = [
@@ -171,7 +171,7 @@ def test_work_is_stored_energy_and_what_activation_adds() -> None:
     held = (load > 0.25) & (load < 0.5)
     assert np.ptp(place[held]) == 0
     assert np.ptp(energy[held]) > 0.1
-    # supports give way a little and store the rest
+    # compliant supports store the rest
     assert np.all(part <= energy)
     assert np.abs(part - energy).max() < 0.05 * np.abs(energy).max()
 
@@ -198,7 +198,7 @@ CALF = {"name": "muscle", "model": "muscle", "A10": 1.0, "K": 200, "fiber": [0, 
 
 
 def grip(material: Any, method: str = "rkpm-gauss", **more: Any) -> dict[str, Any]:
-    """Held at both ends, across them free to widen."""
+    """Fixed at both ends, free to widen across them."""
     body = box(5, 5, 5, size=[1, 1, 2], places=(5, 5, 5))
     return gripped(method, body, material, "z0 z1", "pull force_z z1", **more)
 
@@ -206,7 +206,7 @@ def grip(material: Any, method: str = "rkpm-gauss", **more: Any) -> dict[str, An
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni"])
 def test_a_constant_field_is_a_number(method: str) -> None:
-    """To the last bit: a half of 1 and all of a half."""
+    """To the last bit: half of 1 equals all of a half."""
     field = grip(CALF | {"activation": "z > 5 ? 0 : 0.3"}, method)
     number = grip(CALF | {"activation": 0.3}, method)
     assert np.array_equal(scenes.solved(field).states.x, scenes.solved(number).states.x)
@@ -226,7 +226,7 @@ def model_tables(method: str = "auto", **material: Any) -> dict[str, Any]:
 
 @pytest.mark.slow
 def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
-    """From an image over the model file to the solve; a constant one keeps the bits of a number."""
+    """From an image through the model file to the solve; constant fields equal numbers bitwise."""
     plain = bar()
     number = scenes.solved(model_tables(activation=0.3), cloud=plain).states.x
     constant = replace(plain, activation=np.full(len(plain.points), 0.3))
@@ -243,11 +243,11 @@ def test_points_of_a_model_have_activations(tmp_path: Path) -> None:
     again = read_model(tmp_path / "model.h5")
     assert np.array_equal(again.activation, cloud.activation)
     found = scenes.solved(model_tables(activation=1.0), cloud=again, error=True)
-    # a coarser cloud, whose blocks have the mean of theirs, gives it an error bar
+    # a coarser cloud, whose blocks take the mean activation, gives it an error bar
     assert np.isfinite(found.bars["pull"][-1, 0])
     whole = scenes.solved(model_tables(activation=0.3), cloud=plain).last()["pull"]
     assert found.last()["pull"] == pytest.approx(0.5 * whole, rel=0.1)
-    # an expression of the deck stands in the place of the points' own
+    # an expression in the deck replaces the activation of the points
     field = model_tables(activation="0.3")
     assert np.array_equal(scenes.solved(field, cloud=again).states.x, number)
 
@@ -288,7 +288,7 @@ def test_two_muscles_share_the_force_of_a_joint(inputs: Path, tmp_path: Path) ->
     parts = steps(deck, tmp_path, *coarse, f'probe.force_agonist.material="{probe["material"]}"')
     total = found["force_agonist"] + found["force_antagonist"] + parts["force_agonist"]
     np.testing.assert_allclose(total, found["force"], rtol=1e-9)
-    # contraction; the plate gives way; contraction of the other
+    # contraction; the plate yields; contraction of the other
     assert found["load"] == pytest.approx([0.3, 0.7, 1.0])
     agonist, antagonist = found["force_agonist"], found["force_antagonist"]
     assert agonist[0] > agonist[1] > 0
@@ -296,5 +296,5 @@ def test_two_muscles_share_the_force_of_a_joint(inputs: Path, tmp_path: Path) ->
     assert found["stretch_antagonist"][1] > 1.0
     assert antagonist[2] > antagonist[1] + 4
     assert found["torque"][2] < found["torque"][1] < found["torque"][0]
-    # what is between the muscles is pressed, not crushed
+    # the tissue between the muscles is compressed, not crushed
     assert found["min_J"].min() > 0.6

@@ -1,4 +1,4 @@
-"""Files: what Fortran writes is what h5py, VTK and PyVista read; models; whole files or none."""
+"""Files: h5py, VTK and PyVista read what Fortran writes; models; whole files or none."""
 
 import json
 import shutil
@@ -91,7 +91,7 @@ def test_reads_what_was_written(sample: Path) -> None:
 
 
 def test_vtk_sees_a_time_series(sample: Path) -> None:
-    """VTK's reader, which is ParaView's as well, shows vertices and every step's own numbers."""
+    """VTK's reader, also used by ParaView, shows vertices and the numbers of every step."""
     import pyvista
     from vtkmodules.vtkCommonExecutionModel import vtkStreamingDemandDrivenPipeline
     from vtkmodules.vtkIOHDF import vtkHDFReader
@@ -136,7 +136,7 @@ def test_points_of_a_step_for_pyvista(sample: Path) -> None:
     ("pyvista", Results.to_pyvista), ("pandas", Results.history),
 ])  # fmt: skip
 def test_what_is_missing_names_its_cure(sample, monkeypatch, name, call) -> None:
-    # None in the table of modules is an import that fails
+    # None in the table of modules makes an import fail
     monkeypatch.setitem(sys.modules, name, None)
     extra = {"pyvista": "viz"}.get(name, name)
     with Results(sample) as results:
@@ -202,7 +202,7 @@ def test_a_lattice_that_does_not_fit(sample: Path, tmp_path: Path, place: str) -
 
 
 def test_a_killed_run_leaves_whole_steps(tmp_path: Path) -> None:
-    """They can be rescued from the file it left."""
+    """They can be recovered from the file it left."""
     deck = deck_file(tmp_path / "deck.toml", {**DECK, "load": {"steps": 400}})
     stop_behind(start(deck, tmp_path, "--no-error"), 3)
     with Results(tmp_path / "results.vtkhdf.part") as results:
@@ -234,7 +234,7 @@ def model(tmp_path: Path) -> Path:
 
 
 def refused(path: Path) -> str:
-    """What the core says of a model."""
+    """Error message of the core about a model."""
     tables = scene(
         "rkpm-scni", {"kind": "model", "file": str(path)}, material=[MUSCLE],
         boundary=[held("bottom")], units={"force": "N", "length": "mm"},
@@ -271,7 +271,7 @@ def test_model_round_trip(model: Path) -> None:
     ("voxels/size", np.array([1.0, 0.0, 1.0]), "'voxels/size' does not have"),
     ("source", np.ones((0, 3)), "'source' does not have the numbers"),
     ("label", np.array([1.5, 2.0, 2.0]), "'label': it does not hold integers"),
-    # as a damaged header would have it: far more numbers than bytes; none is stored here
+    # as in a damaged header: far more numbers than bytes; none is stored here
     *(("points", shape, "shape declares far more numbers than the file contains")
       for shape in ((10**6, 3), (2**57, 3))),
     ("format", np.frombuffer(b"myork-model 7", np.uint8), "not a model written by 'myork build'"),
@@ -279,7 +279,7 @@ def test_model_round_trip(model: Path) -> None:
         np.array([b"mm"] * 2000), 7, h5py.Empty("S10"))),
 ])  # fmt: skip
 def test_bad_models_are_refused(model: Path, dataset: str, value: Any, message: str) -> None:
-    """Datasets that are missing or others."""
+    """Datasets that are missing or wrong."""
     with h5py.File(model, "a") as file:
         del file[dataset]
         if isinstance(value, tuple):
@@ -290,7 +290,7 @@ def test_bad_models_are_refused(model: Path, dataset: str, value: Any, message: 
     assert f"{model}: " in error and message in error
 
 
-# ---- files that are there whole or not at all ----------------------------------------------------
+# ---- files that are complete or absent -----------------------------------------------------------
 
 
 @pytest.mark.parametrize("by_suffix", [False, True])
@@ -322,7 +322,7 @@ def test_numbers_that_are_not_finite_become_null_and_files_are_named(tmp_path):
 
 
 def lay(path: Path, how: str) -> Path:
-    """Put a name of another file in place of an output; the file behind it."""
+    """Replace an output by a link to another file; returns that file."""
     theirs = path.parent / "theirs"
     theirs.write_text("theirs")
     (path.symlink_to if how == "link" else path.hardlink_to)(theirs)
@@ -330,7 +330,7 @@ def lay(path: Path, how: str) -> Path:
 
 
 def _store(folder: Path) -> Store:
-    """Store of a sweep of two points that nothing reads back."""
+    """Store of a sweep of two points, which is never read."""
     return Store(folder, {"points": [[0], [1]], "calls": []}, {"units": {}})
 
 
@@ -347,7 +347,7 @@ WRITERS = {
 @pytest.mark.parametrize("how", ["link", "second name"])
 @pytest.mark.parametrize("name", WRITERS)
 def test_output_does_not_follow_names(tmp_path: Path, name: str, how: str) -> None:
-    """The name goes, and the file behind it stays."""
+    """The link is replaced, and the file behind it is unchanged."""
     theirs = lay(tmp_path / name, how)
     WRITERS[name](tmp_path)
     assert theirs.read_text() == "theirs"

@@ -34,13 +34,13 @@ def test_a_closed_scene_is_recognised(open_scene):
         (opened.linearise, x, 1.0, x), (opened.reduce, np.ones((len(x), 1))),
     ):  # fmt: skip
         refuses("this scene is closed", use, *words)
-    # another one in its place is another
+    # another scene in its place is a different one
     assert open_scene(TABLES).solve().load[-1] == 1.0
     refuses("closed", opened.solve)
 
 
 def test_scenes_opened_at_once_do_not_meet(write_deck):
-    """From several Python threads; each has its own."""
+    """From several Python threads; each has a separate scene."""
     path = write_deck(TABLES)
     with ThreadPoolExecutor(8) as pool:
         scenes = list(pool.map(lambda _: Scene(path), range(40)))
@@ -69,7 +69,7 @@ def test_wrong_shapes_are_refused(open_scene):
 
 
 def test_essential_conditions_beat_tractions_at_edges():
-    """Points that a dead load shares with rollers keep both: homogeneous, with P_xx = 5."""
+    """Points shared by a dead load and rollers keep both: homogeneous, with P_xx = 5."""
     load = {"set": "x1", "traction": [5.0, 0.0, 0.0]}
     walls = [load, *SLIP, {"set": "y1", "u_y": 0}, {"set": "z1", "u_z": 0}]
     tables = {**TABLES, "boundary": walls, "probe": probes("side force x1")}
@@ -81,7 +81,7 @@ def test_essential_conditions_beat_tractions_at_edges():
 
 
 def test_a_free_component_of_a_condition_is_free_of_traction():
-    """A smooth plate presses: no shear traction where only the normal component is prescribed."""
+    """A frictionless plate: no shear traction where only the normal component is prescribed."""
     smooth = {**TABLES, "boundary": [held("z0"), {"set": "z1", "u_z": -0.1}]}
     top = solved(smooth).probes["top"][-1]
     assert top[2] < -1.0 and abs(top[:2]).max() < 1e-8 * abs(top[2])
@@ -96,7 +96,7 @@ def test_contradicting_conditions_are_refused(method):
     said = refused(contradiction, overrides=[f'scene.method="{method}"'])
     assert said.startswith("tables: ") and "two displacements, " in said
     assert "component 1 at (0, 0, 0)" in said
-    # sets that meet and move alike may say so in other words
+    # sets that meet and move alike may be described differently
     turned = {"set": "z1", "rotation": 10, "axis": [0, 0, 1], "about": [0, 0, 2]}
     opposite = {**turned, "set": "x0", "rotation": -10, "axis": [0, 0, -1]}
     ramp = {"set": "x0", "u_x": 0, "u_y": 0, "u_z": "0.1*z", "amplitude": "up"}
@@ -110,7 +110,7 @@ def test_contradicting_conditions_are_refused(method):
 
 
 def test_every_load_is_met_exactly_also_after_halvings():
-    """A step too large for one go: pressed to a fifth at once."""
+    """A step too large to converge at once: compressed to a fifth."""
     pressed = {**TABLES, "boundary": [*SLIP, {"set": "z1", "u_z": -1.8}]}
     found = solved(pressed, "load.steps=3", "solver.max_iterations=8")
     assert found.states.load.tolist() == [1 / 3, 2 / 3, 1.0]
@@ -120,7 +120,7 @@ def test_every_load_is_met_exactly_also_after_halvings():
 
 @pytest.mark.parametrize("method", METHODS)
 def test_answers_do_not_depend_on_what_was_asked_before(method, open_scene):
-    """The same bits whatever was asked or solved before, and those of a scene of its own."""
+    """The same bits after any earlier requests or solves, and those of a separate scene."""
     tables = {**TABLES, "probe": [*TABLES["probe"], *probes("stress cauchy_zz 0.4 0.5 1.2")]}
     override = f'scene.method="{method}"'
     opened = open_scene(tables, override)
@@ -157,7 +157,7 @@ PULLED = scene(
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkcm-mixed"])
 def test_changes_are_fresh_scenes(method):
-    """One after the other, also of what has other points, fibers or unknowns."""
+    """One after the other, also with other points, fibers or unknowns."""
     tables = {**PULLED, "scene": {"dimension": 3, "method": method}}
     changes = [
         {"material.muscle.K": 120.0, "load.steps": 3}, {"amplitude.pull.value": [0, 0.4, 1]},
@@ -206,7 +206,7 @@ def test_loads_of_a_linear_problem_are_those_of_its_deck(open_scene, method):
 
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-scni", "rkpm-gauss"])
 def test_loads_of_its_own_have_no_second_solution(open_scene, method):
-    """Nothing can speak for such an answer: it is doubtful; and it cannot be changed."""
+    """Nothing can support such an answer: it is doubtful; and the scene cannot be changed."""
     tables = {key: value for key, value in PULLED.items() if key != "amplitude"}
     tables |= {"boundary": [PULLED["boundary"][0]], "scene": {"dimension": 3, "method": method}}
     opened = open_scene(tables)
@@ -227,7 +227,7 @@ def test_a_reduced_model_is_made_anew_after_a_change(open_scene):
     refuses(".", opened.solve_reduced, "")
 
 
-# ---- what holds a body, and runs whose numbers say nothing ---------------------------------------
+# ---- supports of a body, and runs with meaningless numbers ---------------------------------------
 
 RUBBER = [{"name": "rubber", "model": "polynomial", "A10": 10.0, "K": 500.0}]
 
@@ -240,8 +240,8 @@ def tables(nd: int, method: str, **sets: str) -> dict[str, Any]:
     return scene(method, geometry, boundary=still, approximation=approximation, material=RUBBER)
 
 
-#: Motions that prescribed components do not hinder, counted by hand; in the last line of space the
-#: axis of the turn lies in both planes
+#: Motions that prescribed components do not constrain, counted by hand; in the last line of space
+#: the rotation axis lies in both planes
 FREE = [
     (3, {"x1": "x"}, "slide along y, to slide along z, to turn about an axis along x"),
     (3, {"z0": "z", "z1": "z"}, "slide along x, to slide along y, to turn about an axis along z"),
@@ -258,7 +258,7 @@ def test_motions_that_nothing_hinders(dimension, sets, motions, method):
 
 
 def test_a_volume_that_is_prescribed_leaves_the_pressure_of_rigid_volumes_open() -> None:
-    """With one side free, or with a material that gives way, it follows."""
+    """With one side free, or with a compliant material, it follows."""
     sides = dict.fromkeys(("x0", "x1", "y0", "y1"), "xy")
     deck = tables(2, "rkpm-gauss", **sides)
     Scene.from_tables(deck).close()
@@ -278,7 +278,7 @@ def pinned(points: np.ndarray) -> PointCloud:
 
 
 def test_a_hinge_is_no_support_and_three_pins_are() -> None:
-    """Points held on a diagonal leave the turn about it; one beside it ends that."""
+    """Points constrained on a diagonal leave the rotation about it; one beside it prevents that."""
     deck = scene(
         "rkcm", {}, material=RUBBER, boundary=[held("pins")],
         approximation={"order": 2, "support": 3},
@@ -288,7 +288,7 @@ def test_a_hinge_is_no_support_and_three_pins_are() -> None:
     Scene.from_tables(deck, pinned(np.vstack([diagonal, [1, 0, 0]]))).close()
 
 
-#: A stiffness beside which the stress of the muscle, 1.5, is less than a rounding
+#: A stiffness relative to which the stress of the muscle, 1.5, is less than a rounding error
 DROWNED = (
     "geometry.source=[4,4,5]", "geometry.collocation=[7,7,9]", "load.steps=2",
     "load.activation=0.05", "material.A10=9e18",
@@ -299,7 +299,7 @@ DROWNED = (
 def test_a_load_that_drowns_in_rounding_has_no_answer(inputs, open_scene, method: str) -> None:
     opened = open_scene(inputs / "muscle_block.toml", *DROWNED, f"scene.method={method}")
     refuses(r"rounding errors of a stiffness of 1\.8E\+19", opened.solve, kind=ConvergenceError)
-    # no load is no reason to complain
+    # a missing load is no error
     opened = open_scene(inputs / "muscle_block.toml", *DROWNED[:3], "load.activation=0")
     assert not opened.solve().x.any()
 
@@ -315,7 +315,7 @@ def test_too_few_equations_are_refused(changes, message):
     refuses(message, solved, {**TABLES, **changes})
 
 
-# ---- expressions in coordinates: what they give, what is refused ---------------------------------
+# ---- expressions in coordinates: their values, and refusals --------------------------------------
 
 
 #: The left side at rest
@@ -340,7 +340,7 @@ def probe_of(tables: dict[str, Any], *overrides: str) -> np.ndarray:
     "0.01*(r >= 1)*(theta >= 0 or 0)", "0.1*sqrt(0.1^2)",
 ])  # fmt: skip
 def test_expressions_that_are_a_number(text: str) -> None:
-    """On x = 1 all of these are the same number, and so are the answers, also of an override."""
+    """On x = 1 all of these are the same number, and so are the answers, also with an override."""
     plain = probe_of(plate([HELD, {"set": "x1", "u_x": 0.01}]))
     for written, overrides in ((text, ()), (1, (f"boundary.x1.u_x={text}",))):
         tables = plate([HELD, {"set": "x1", "u_x": written}])

@@ -1,4 +1,4 @@
-"""Scenes from data, decks as dicts and points as arrays; what follows from decks that have points.
+"""Scenes from data, decks as dicts and points as arrays; consequences of decks that have points.
 
 The form of a deck is tested in test_deck.
 """
@@ -28,7 +28,7 @@ CUBE = loaded(
     load={"steps": 2},
 )  # fmt: skip
 BOX = [("kind", "box"), ("size", [1] * 3), ("source", [3] * 3), ("collocation", [4] * 3)]
-#: The points of a body need no geometry
+#: The points of a body replace the geometry
 PULLED = {key: CUBE[key] for key in ("scene", "material", "boundary", "load", "probe")}
 #: The same points from a file
 BLOCK = {**PULLED, "geometry": {"kind": "model", "file": "model.h5"}}
@@ -68,7 +68,7 @@ def test_values_of_all_kinds() -> None:
     {"probe": [{**CUBE["probe"][0], "quantity": "forze"}], "load": {"steps": 0}},
 ])  # fmt: skip
 def test_a_dict_gets_the_message_of_the_deck(wrong: dict, tmp_path: Path) -> None:
-    """All of it but the line, which a dict does not have."""
+    """All of it except the line number, which a dict does not have."""
     tables = {**CUBE, **wrong}
     path = deck_file(tmp_path / "deck.toml", tables)
     lines = [line.removeprefix(f"{path}:") for line in complaints(path)]
@@ -192,12 +192,12 @@ def complaints(path: Path, *overrides: str) -> list[str]:
 
 
 def place_of(path: Path, line: str) -> str:
-    """File and line of a text of a deck."""
+    """File and line of a text in a deck."""
     return f"{path}:{path.read_text(encoding='utf-8').splitlines().index(line) + 1}"
 
 
 def ended(**changes: Any) -> dict[str, Any]:
-    """The end that is pulled is another set."""
+    """The end in tension is another set."""
     return {"boundary": [CLAMPED, DRAWN | changes]}
 
 
@@ -235,7 +235,7 @@ def test_a_body_that_nothing_holds(write_deck: Write) -> None:
     free = [{"set": "z0", "traction": [0, 0, 0]}, DRAWN]
     (line,) = complaints(write_deck(MARKED | {"boundary": free}))
     assert "no displacement is prescribed on the body" in line and "can move freely" in line
-    # points on the surface are inside
+    # points on the surface count as inside
     path = write_deck(MARKED)
     for point in ("[0,0,0]", "[1,1,2]", "[1,0,2.000000001]"):
         Scene(path, [f"probe.mid.point={point}"]).close()
@@ -253,7 +253,7 @@ def test_annulus(inputs: Path) -> None:
 
 @pytest.mark.parametrize(("full", "loads"), [(0.01, [0.5, 1.0]), (0.005, [1.0]), (0.0, [])])
 def test_activations_of_references_become_loads(tmp_path, full, loads):
-    """Those that the run meets are compared; without activation it meets none."""
+    """References at activations that the run reaches are compared; without activation, none."""
     overrides = [f"load.activation={full}", *RIGHT]
     summary = run_deck(MARKED, tmp_path / "out", overrides=overrides, verbosity=-1)
     assert summary["reference"].get("mid", {}).get("load", []) == pytest.approx(loads)

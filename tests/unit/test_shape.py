@@ -18,7 +18,7 @@ from tests.scenes import refuses
 
 KERNELS = ("quintic", "cubic")
 WINDOWS = ("product", "radial")
-#: Points a direction, enough that supports of order 4 do not see the whole cloud
+#: Points per direction, enough that supports of order 4 do not contain the whole cloud
 COUNT = {1: 21, 2: 12, 3: 8}
 SECOND = {n: list(itertools.combinations_with_replacement(range(n), 2)) for n in (1, 2, 3)}
 
@@ -146,7 +146,7 @@ def test_derivatives_are_those_of_the_values(window, kernel):
 
 def test_equal_stencils_are_evaluated_once():
     """On a grid with a support of 2.5 spacings only the two rows next to each face are special:
-    5 positions a direction, 5^3 stencils for 9^3 places.
+    5 positions per direction, 5^3 stencils for 9^3 places.
     """
     for jitter, count in ((0.0, 5), (1e-3, 9)):
         source, _ = grid(3, 9, jitter=jitter)
@@ -154,7 +154,7 @@ def test_equal_stencils_are_evaluated_once():
 
 
 def test_shared_stencils_do_not_change_values():
-    """Points moved apart share no stencil: values differ to first order in the move."""
+    """Displaced points share no stencil: values differ to first order in the displacement."""
     place, spacing = grid(2, 9)
     shared, *own = (
         dense(shape_functions(grid(2, 9, jitter)[0], 3.3 * spacing, place, order=2), len(place))[0]
@@ -188,7 +188,7 @@ def test_refusals_say_what_is_wrong(case):
 
 
 def test_order_that_wants_more_points_across_says_so():
-    """Three points across carry a basis of order 2, whatever the support."""
+    """Three points across support a basis of order 2, with any support."""
     source = np.array([[x, 0.5 * y] for x in range(7) for y in range(3)], float)
     said = "along y there are 3: use more of them, or order 2"
     refuses(said, shape_functions, source, 9.0, [[0.51, 0.52]], order=4)
@@ -222,7 +222,7 @@ def around(radius, angle):
 
 @pytest.mark.parametrize("kernel", KERNELS)
 def test_windows_of_radius_and_angle(kernel):
-    """They reproduce polynomials with their derivatives, and turn with the place."""
+    """They reproduce polynomials with their derivatives, and turn with the position."""
     source, r, step, turn = ring()
     support = np.stack([np.full_like(r, 3.1 * step), 3.1 * turn * r], axis=1)
     choice = {"kernel": kernel, "window": "polar"}

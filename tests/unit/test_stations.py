@@ -1,4 +1,4 @@
-"""Stations: one signature, decks that are files or data, names of the package; new and check."""
+"""Stations: one signature, decks as files or data, names of the package; new and check."""
 
 import inspect
 import json
@@ -87,7 +87,7 @@ def test_errors_begin_with_file_line_and_key(build, tmp_path, table, message):
     assert f"body.toml:{line}: build." in said
 
 
-# ---- decks to start from, and self-checks of decks -----------------------------------------------
+# ---- example decks, and self-checks of decks -----------------------------------------------------
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -100,7 +100,7 @@ def test_new_decks_are_right(kind: str, tmp_path: Path) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["box", "annulus", "muscle"])
 def test_new_decks_are_accepted(kind: str, tmp_path: Path) -> None:
-    """What has a geometry of its own is solved, with an answer that can be trusted."""
+    """Decks with their own geometry are solved, with a trustworthy answer."""
     summary = run_deck(new_deck(kind, tmp_path / "deck.toml"), tmp_path / "out")
     assert summary["verdict"]["state"] == "accepted"
 
@@ -132,7 +132,7 @@ def test_check(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
      "material.muscle.K=inf"],
 )  # fmt: skip
 def test_tangents_of_all_forms(override: str, tmp_path: Path) -> None:
-    """Of an incompressible body displacements only: pressures are said not to be, and why."""
+    """For an incompressible body displacements only; the report says that, and why."""
     deck = new_deck("muscle", tmp_path / "deck.toml")
     found = check_deck(deck, overrides=[override], quick=True)[0]
     assert found.name == "tangent" and found.passed, found.detail
@@ -141,7 +141,7 @@ def test_tangents_of_all_forms(override: str, tmp_path: Path) -> None:
 
 
 def test_check_finds_faults(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """A matrix that softens and a muscle without fibers are reported, and the exit status is 1."""
+    """A softening matrix and a muscle without fibers are reported, and the exit status is 1."""
     deck = new_deck("muscle", tmp_path / "deck.toml")
     text = deck.read_text().replace("A20 = 0.94", "A20 = -2.5")
     deck.write_text(text)

@@ -1,4 +1,4 @@
-"""`myork bench`: record and page; every benchmark in small ends, and its numbers make sense."""
+"""`myork bench`: record and page; every benchmark in a small version, with plausible numbers."""
 
 import json
 import math
@@ -25,7 +25,7 @@ pytestmark = pytest.mark.nightly
 
 
 def quick(name: str, folder: Path) -> dict[str, Any]:
-    """Result of a benchmark in small; its record and its page have all of it."""
+    """Result of a small benchmark; its record and its page contain all of it."""
     record = run_benches([name], folder, quick=True)
     assert json.loads((folder / "bench.json").read_text(encoding="utf-8")).keys() == record.keys()
     bench: dict[str, Any] = record["benches"][name]
@@ -33,7 +33,7 @@ def quick(name: str, folder: Path) -> dict[str, Any]:
     assert page.count("<table") >= len(bench["tables"]) > 0
     assert page.count("<img alt=") == len(bench.get("plots", []))
     for case in bench["cases"]:
-        # the names that others read; what failed has no error
+        # the keys that others read; failed cases have no error
         assert {"problem", "method", "unknowns", "cpu_s", "error"} <= set(case)
         assert all(isinstance(error, float) for error in case["error"].values())
     return bench
@@ -44,7 +44,7 @@ def test_unknown_bench_is_refused(tmp_path: Path) -> None:
 
 
 def test_without_a_checkout_there_are_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Neither here nor around the environment that runs."""
+    """Neither here nor around the running environment."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("sys.prefix", str(tmp_path / ".venv"))
     refuses("linear: benchmarks belong to a checkout", run_benches, ["linear"], tmp_path)
@@ -64,16 +64,16 @@ def test_a_failure_ends_no_other_bench(tmp_path: Path, monkeypatch: pytest.Monke
 
 @pytest.mark.parametrize("name", ["linear", "nonlinear"])
 def test_what_others_assert_is_drawn(name: str, tmp_path: Path) -> None:
-    """Rates, exact states and locking are those of test_linear, test_forms and hard cases."""
+    """Rates, exact states and locking are tested in test_linear, test_forms and test_hard_cases."""
     cases = quick(name, tmp_path)["cases"]
     assert {case["outcome"] for case in cases} == {"converged"}
 
 
 def test_cost_is_read_off_behind_the_last_miss() -> None:
     points = [(1.0, 1e-1), (10.0, 1e-4), (100.0, 1e-3), (1000.0, 1e-5), (5.0, None)]
-    points += [(2000.0, math.nan)]  # an answer that is no number has no error
+    points += [(2000.0, math.nan)]  # an answer that is not a number has no error
     cases = [{"cpu_s": seconds, "e": error} for seconds, error in points]
-    # the lucky size at 10 s does not count
+    # the accidentally accurate size at 10 s does not count
     assert cost(cases, "e", 1e-4) == pytest.approx(100 * 10**0.5)
     assert cost(cases, "e", 1e-2) == pytest.approx(10 ** (1 / 3))
     assert cost(cases, "e", 0.5) == 1.0
@@ -81,7 +81,7 @@ def test_cost_is_read_off_behind_the_last_miss() -> None:
 
 
 def test_race(tmp_path: Path) -> None:
-    """Both reach 1 % of the tube's force and of the sheet's; times of both are on record."""
+    """Both reach 1 % of the force of the tube and of the sheet; times of both are recorded."""
     bench = quick("race", tmp_path)
     absent = {case["form"] for case in bench["cases"] if "not installed" in case["outcome"]}
     assert all(c["outcome"] == "converged" for c in bench["cases"] if c["form"] not in absent)
@@ -90,7 +90,7 @@ def test_race(tmp_path: Path) -> None:
         race = races[problem, "force", 1e-2]
         assert race["outcome"] == "both" and race["peer"] not in absent
         assert race["ratio"] == pytest.approx(race["cpu_s"] / race["peer_cpu_s"])
-    # what the meshes do not know is not asserted
+    # values that the meshes do not resolve are not asserted
     known = [race for race in bench["races"] if race["ratio"] is not None]
     assert all(race["error"] >= 2 * race["doubt"] for race in known)
     assert len(bench["plots"]) == 4
@@ -113,7 +113,7 @@ def test_newcomer(tmp_path: Path) -> None:
 
 
 def test_methods_and_curves_are_views_of_the_same_rows(tmp_path, monkeypatch):
-    """Pages and rows of the runner; a second view solves nothing, and rows of others stay."""
+    """Pages and rows of the runner; a second view solves nothing, and rows of others are kept."""
     solve, _ = PIVOTS["newcomer"]
     rows = solve(silent, True)
     for name in ("methods", "curves", "trust"):
@@ -137,7 +137,7 @@ def test_methods_and_curves_are_views_of_the_same_rows(tmp_path, monkeypatch):
 
 
 def test_certify(tmp_path: Path) -> None:
-    """Bars of two loads cover the errors, and are not ten times as wide."""
+    """Bars of two loads contain the errors, and are not ten times as wide."""
     bench = quick("certify", tmp_path)
     for form, covered in bench["coverage"].items():
         assert covered >= 0.9 and 1.0 < bench["sharpness"][form] < 10.0
@@ -148,7 +148,7 @@ def test_certify(tmp_path: Path) -> None:
 
 #: Problems of few cells: points of the second solution, values of finer ones and the widest bar
 FEW: dict[str, tuple[int, dict[str, float], float]] = {
-    # finite elements, which change by 2e-4 from half as many elements
+    # finite elements, which change by 2e-4 relative to half as many elements
     "soft sheet": (17 * 9, {}, WRONG),
     # 9x9x25 points; half of the cells are enough
     "free muscle": (3 * 3 * 7, {"end": -0.27302, "belly": 0.02571}, 0.1),
@@ -157,7 +157,7 @@ FEW: dict[str, tuple[int, dict[str, float], float]] = {
 
 @pytest.mark.parametrize("name", FEW)
 def test_few_cells_are_compared_with_more(name: str) -> None:
-    """Bars contain the error, and are not as wide as those beside half of the cells."""
+    """Bars contain the error, and are narrower than those from half as many cells."""
     points, values, widest = FEW[name]
     problem = BY_NAME[name]
     tables = sized_tables(problem.tables, problem.sizes[0])
@@ -178,7 +178,7 @@ def test_errors_of_an_answer() -> None:
     assert found["error"] == {"u": pytest.approx(0.05), "f": 0.0}
     assert found["off"] == pytest.approx(0.04) and found["held"] == "0 of 1"
     assert found["error displacement"] == pytest.approx(0.05)
-    # a force that symmetry makes zero, beside another
+    # a force that vanishes by symmetry, beside another
     zero = Truths({"f": "force", "g": "force"}, {"f": Truth(10.0, 0), "g": Truth(1e-15, 0)})
     assert zero.errors({"f": 10.0, "g": 1e-4}, {})["error"]["g"] == pytest.approx(0.01)
 

@@ -1,4 +1,4 @@
-"""Clouds that are no regular boxes, and fields that vary over them."""
+"""Clouds other than regular boxes, and fields that vary over them."""
 
 from dataclasses import replace
 from typing import Any
@@ -26,7 +26,7 @@ LAW = core_material.Material(**SMOOTH)
 
 
 def stretched(method: str = "rkcm", material: Any = RUBBER, activation: float = 0.0) -> Any:
-    """A deck that stretches a box along x; the box is a cloud of its own."""
+    """A deck that stretches a box along x; the box is a separate cloud."""
     return scenes.scene(
         method, {}, material=[material], approximation={"order": 2, "support": 3.5},
         boundary=[*scenes.PLANES, {"set": "x1", "u_x": 0.2}],
@@ -85,7 +85,7 @@ def test_turning_fibers_in_the_rows(open_scene: Any) -> None:
 
 
 def test_a_rotated_problem_has_the_rotated_answer() -> None:
-    """Round supports and a complete basis know no direction; both answers are converged to 1e-6."""
+    """Round supports and a complete basis prefer no direction; both answers converge to 1e-6."""
     model = box(CUBE, (4, 4, 4), (6, 6, 6), fiber=(0.6, 0.0, 0.8))
     muscle = {"name": "m", "model": "muscle", "A10": 6.43, "A20": 0.94, "K": 100.0}
     found = []
@@ -143,7 +143,7 @@ def changed(name: str, value: float) -> PointCloud:
     (changed("fiber", 3.0), "rkcm", "'fiber' at collocation point "),
 ])  # fmt: skip
 def test_clouds_that_carry_no_approximation(body: PointCloud, method: str, said: str) -> None:
-    """Layers that are too few, supports all alike on graded points, no lattice, no numbers."""
+    """Too few layers, equal supports on graded points, no lattice, values that are not numbers."""
     assert said in scenes.refused(stretched(method, SMOOTH), body)
 
 
@@ -165,6 +165,6 @@ def test_spacing_of_scattered_points() -> None:
     spacing = source_spacing(lattice)
     inside = np.all((lattice > 0) & (lattice < 2), axis=1)
     np.testing.assert_allclose(spacing[inside], 0.5)
-    # a corner has three neighbours at one spacing, its next ones are across the faces
+    # a corner has three neighbours at one spacing, the next ones are across the faces
     np.testing.assert_allclose(spacing[0], 0.5 * np.sqrt(2))
     refuses("too few", source_spacing, lattice[:2])

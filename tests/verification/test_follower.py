@@ -1,4 +1,4 @@
-"""Pressure that follows the surface, and springs on it or behind a plate, against limits."""
+"""Pressure that follows the surface, and springs on it or behind a plate, against limit cases."""
 
 import math
 
@@ -16,7 +16,7 @@ CUT = {"name": "cut", "quantity": "section_force_z", "normal": [0, 0, 1]}
 
 
 def pressed(end, method="rkpm-gauss", **tables):
-    """A block between planes of symmetry, with a condition of its own at the end."""
+    """A block between planes of symmetry, with a given condition at the end."""
     return scene(
         method, box(3, 3, 5, size=[1, 1, 2], places=(3, 3, 5)), material=[neo(2, 20)],
         boundary=[*scenes.PLANES, {"set": "z1", **end}], load={"steps": 2},
@@ -63,7 +63,7 @@ def test_newton_converges_quadratically_with_a_free_rim(method, tmp_path):
 
 
 def test_a_pressure_where_the_tangent_is_not_formed():
-    """Minimal residuals have the stiffness of the pressure: without it 14 steps are needed here."""
+    """Minimal residuals use the stiffness of the pressure: without it 14 steps are needed here."""
     tables = scene(
         "rkpm-scni", box(7, 7, 4, size=[2, 2, 0.5], places=(7, 7, 4)), material=[neo(2, 200)],
         boundary=[*map(held, ("x0", "x1", "y0", "y1")), {"set": "z0", "pressure": 1}],
@@ -75,7 +75,7 @@ def test_a_pressure_where_the_tangent_is_not_formed():
 
 
 def test_a_free_rim_above_the_limit_is_named_where_nothing_converges():
-    """A message of steps and gradients alone would not tell that a factor converges."""
+    """A message about steps and gradients alone would not tell that a factorisation converges."""
     body, few = box(5, 5, 3, size=[2, 2, 0.5], places=(5, 5, 3)), {"max_iterations": 4}
     tables = loaded("rkpm-scni", body, neo(2, 200), "x0 z0", {"pressure": 6}, solver=few)
     tables["load"] = {"max_halvings": 0}
@@ -107,7 +107,7 @@ def elastica(load: float) -> tuple[float, float]:
 
 
 def test_a_cantilever_under_pressure_is_an_elastica():
-    """A thin sheet that keeps its volume in plane strain: its bending stiffness is 4 mu h^3/12."""
+    """A thin isochoric sheet in plane strain: its bending stiffness is 4 mu h^3/12."""
     length, thick, load = 10.0, 0.5, 3.0
     tables = loaded(
         "rkpm-gauss", box(41, 4, size=[length, thick], places=(41, 4)), neo(1, math.inf), "x0 y1",
@@ -137,7 +137,7 @@ def tendon(end, method="auto", **tables):
     ("method", "bulk"), [("rkpm-gauss", 1e3), ("rkpm-scni", 1e3), ("rkpm-gauss", float("inf"))]
 )
 def test_a_plate_in_every_form(method, bulk):
-    """The force is that of a prescribed displacement as large as the plate's, at each cut."""
+    """The force equals that of an equal prescribed displacement of the plate, at each section."""
     end = {**GUIDED, "tendon": 20, "direction": [0, 0, -3], "pull": -0.1}
     tables = tendon(end, method, material=[{**MUSCLE, "K": bulk}])
     found = solved(tables).last()
@@ -152,7 +152,7 @@ def test_a_plate_in_every_form(method, bulk):
 
 @pytest.mark.parametrize("bulk", [1e3, math.inf])
 def test_a_plate_where_the_tangent_is_not_formed(bulk):
-    """Minimal residuals find what a factor finds, also of an inclined tendon beside another."""
+    """Minimal residuals give the result of a factorisation, also for two tendons, one inclined."""
     end = {**GUIDED, "tendon": 20, "direction": [0, 0, 1], "pull": 0.1}
     beside = {"set": "x1", "u_y": 0, "tendon": 5, "direction": [1, 0, 0.5], "pull": 0.02}
     tables = tendon(end, "rkpm-scni", material=[{**MUSCLE, "K": bulk}])
@@ -169,7 +169,7 @@ def test_explain_counts_the_unknowns_of_the_plate(inputs):
 
 
 def test_an_inclined_tendon_pulls_along_its_direction():
-    """The plate goes along it, and its work is that of the force along it; across it is held."""
+    """The plate moves along it, with the work of the force along it; across it is constrained."""
     end = {"set": "z1", "u_y": 0, "tendon": 20, "direction": [1, 0, 1], "pull": 0.1}
     found = solved(tendon(end)).last()
     along = (found["force"] + found["side"]) / 2**0.5
@@ -179,7 +179,7 @@ def test_an_inclined_tendon_pulls_along_its_direction():
 
 
 def test_pressures_and_tendons_follow_an_amplitude():
-    """Pressed half as much at the end; pulled and let go it is where it was."""
+    """Pressed half as much at the end; pulled and released it returns to its position."""
     pump = {"name": "pump", "time": [0, 0.5, 1], "value": [0, 1, 0.5]}
     found = solved(pressed({"pressure": 0.6, "amplitude": "pump"}, amplitude=[pump])).last()
     assert found["stress"] == pytest.approx(-0.3, rel=1e-3)
@@ -193,7 +193,7 @@ def test_pressures_and_tendons_follow_an_amplitude():
 
 
 def test_a_spring_whose_other_end_moves():
-    """Traction k g beside the spring k: its other end moves by g."""
+    """Traction k g in addition to the spring k: its other end moves by g."""
     k, g = 50.0, 0.2
     found = solved(pressed({"spring": [0, 0, k], "traction": [0, 0, k * g]})).last()
     assert found["above"] == pytest.approx(k * (g - found["down"]), rel=1e-3)
@@ -202,14 +202,14 @@ def test_a_spring_whose_other_end_moves():
 
 
 @pytest.mark.parametrize(("ends", "seen", "value"), [
-    # a bed under an even load moves by traction over stiffness
+    # a bed under a uniform load moves by traction over stiffness
     (({"set": "x0", "u_x": 0}, {"set": "y0", "spring": [0, 3]},
       {"set": "y1", "traction": [0, -0.5]}), "u_y 0 0", -0.5 / 3),
-    # nothing is prescribed at all: the springs bear the whole load
+    # nothing is prescribed: the springs carry the whole load
     (({"set": "x0", "spring": [50, 50]}, {"set": "x1", "traction": [0.5, 0]}), "force_x x0", -0.5),
 ])  # fmt: skip
 def test_springs_are_supports(ends, seen, value):
-    """Springs may be all that holds a body, in a direction or at all."""
+    """Springs may be the only supports of a body, in one direction or in all."""
     tables = scene(
         "rkpm-gauss", box(5, 3, size=[2, 1]), material=[neo(2, 200)], boundary=list(ends),
         probe=probes(f"seen {seen}"),
@@ -218,7 +218,7 @@ def test_springs_are_supports(ends, seen, value):
 
 
 def test_a_spring_is_as_stiff_whatever_its_amplitude():
-    """What pulls beside it follows the amplitude: the end is that of the ramp, the way is not."""
+    """The tension beside it follows the amplitude: the end is that of the ramp, the path is not."""
     early = {"name": "early", "time": [0, 0.5, 1], "value": [0, 1, 1]}
     end = {"spring": [0, 0, 3.0], "traction": [0, 0, 0.5]}
     ramp, soon = (
@@ -234,7 +234,7 @@ def test_a_spring_is_as_stiff_whatever_its_amplitude():
     (pressed({"amplitude": "a", "spring": [1, 1, 1]},
              amplitude=[{"name": "a", "time": [0, 1], "value": [0, 1]}]),
      "nothing here varies with it: the stiffness of a spring or tendon"),
-    # a bed across the way does not keep a body from sliding along it
+    # a bed across a direction does not prevent sliding along it
     (scene("rkpm-gauss", box(5, 3), material=[neo(2, 200)],
            boundary=[{"set": "y0", "spring": [0, 3]}]), "free to slide along x"),
 ])  # fmt: skip

@@ -1,7 +1,7 @@
 """Forms of nonlinear problems by their properties.
 
 Patch test, homogeneous states, tangents, balance of forces, orders on manufactured solutions,
-tangents that are not formed; weak forms: locking, displacements that hold exactly. Bits on one and
+matrix-free tangents; weak forms: locking, exactly prescribed displacements. Bits on one and
 on two threads: test_interrupts.py.
 """
 
@@ -21,7 +21,7 @@ RIGID = {**RUBBER, "K": np.inf}
 STRONG = ["rkcm", "rkcm-mixed"]
 WEAK = ["rkpm-gauss", "rkpm-scni"]
 ESSENTIAL = ["penalty", "transformation"]
-#: What the penalty of a source point leaves of a displacement, in a body of unit size
+#: Error that the penalty of a source point leaves in a displacement, in a body of unit size
 NEARLY = 1e-5
 VOIGT = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
 
@@ -59,7 +59,7 @@ PATCHES = {
     ],
 )
 def test_patch(open_scene, name, essential):
-    """A linear displacement of the whole surface fills the body with one stress."""
+    """A linear displacement of the whole surface gives the body a uniform stress."""
     # Rounding times the number of operations and K over the shear modulus is far below 1e-11; least
     # squares have the condition of their rows.
     method, geometry, approximation = PATCHES[name]
@@ -82,7 +82,7 @@ def test_patch(open_scene, name, essential):
     right = opened.points() @ SLOPE[:nd, :nd].T
     f = np.eye(3)
     f[:nd, :nd] += SLOPE[:nd, :nd]
-    # of the principal stretches, by formulas apart from the code under test
+    # of the principal stretches, by formulas independent of the code under test
     square, axes = np.linalg.eigh(f @ f.T)
     rubber = exact.Polynomial.from_deck(RUBBER)
     stress = axes * exact.homogeneous(rubber, np.sqrt(square))[1] @ axes.T
@@ -92,10 +92,10 @@ def test_patch(open_scene, name, essential):
         near = (1e-11, 1e-10)
     assert len(right) == opened.collocation_points
     assert_allclose(fields.u[:, :nd], right, rtol=0, atol=near[0] * np.abs(right).max())
-    # F[point, i, A] is not its transpose: the slope is not symmetric
+    # F[point, i, A] is not its transpose: the gradient is not symmetric
     assert_allclose(fields.f, np.tile(f, (len(right), 1, 1)), rtol=0, atol=10 * near[0])
     assert nd == 3 or not (fields.u[:, 2].any() or fields.cauchy[:, 4:].any())
-    # all of them by the names in result files
+    # all fields by their names in result files
     named = {
         "F": f.ravel(), "J": [np.linalg.det(f)], "cauchy": stress[VOIGT],
         "principal_stress": np.linalg.eigvalsh(stress)[::-1], "pressure": [-np.trace(stress) / 3],
@@ -111,8 +111,8 @@ def test_patch(open_scene, name, essential):
 # ---- homogeneous states --------------------------------------------------------------------------
 
 
-#: Form, points along an edge, bulk modulus, stretches of the ends, and what is left of Newton's
-#: last step in F and in the stress, where K amplifies the rounding of J
+#: Form, points along an edge, bulk modulus, stretches of the ends, and the remaining error of
+#: Newton's last step in F and in the stress, where K amplifies the rounding of J
 UNIFORM = [
     *(("rkcm", 3, K, (end, None, None), 1e-5, 1e-4) for end in (0.4, 2.5) for K in (1e3, 1e8)),
     *((form, 3, np.inf, (2.5, None, None), 1e-8, 1e-8) for form in ("auto", "rkcm-mixed", *WEAK)),
@@ -125,7 +125,7 @@ UNIFORM = [
 
 @pytest.mark.parametrize(("method", "n", "bulk", "ends", "near_f", "near"), UNIFORM)
 def test_homogeneous_states_are_exact(open_scene, method, n, bulk, ends, near_f, near):
-    """Functions of order 2 hold them exactly, on planes of symmetry, with sides that are free."""
+    """Functions of order 2 reproduce them exactly, on planes of symmetry, with free sides."""
     moved = [{"set": f"{axis}1", f"u_{axis}": end - 1}
              for axis, end in zip("xyz", ends, strict=False) if end]  # fmt: skip
     tables = scene(
@@ -187,7 +187,7 @@ def test_rows_are_the_derivative_of_the_residuals(open_scene, method, name):
     scenes.check_strong_rows(open_scene(clamped(FIBERS[name][0], method, FIBERS[name][1])))
 
 
-#: An infinite K makes the tangent a saddle; above the limit it is a product of its parts
+#: An infinite K makes the tangent a saddle; above the limit it is applied as a product
 TANGENTS = [
     *((method, body, way, 10000) for method in WEAK for body in ("plane muscle", "solid muscle")
       for way in ESSENTIAL),
@@ -214,7 +214,7 @@ def test_tangent_is_the_derivative_of_the_forces(open_scene, method, name, essen
 @pytest.mark.parametrize("method", WEAK)
 @pytest.mark.parametrize("nd", [2, 3])
 def test_values_hold_at_source_points_and_forces_balance(open_scene, nd, method, bulk):
-    """Both ends, held components and free ones; the side x1 of length 1 or 2 bears 0.5 an area."""
+    """Both ends, constrained and free components; side x1 of length 1 or 2 carries 0.5 per area."""
     opened = open_scene(sheared(nd, method, {**RUBBER, "K": bulk}))
     found = solved(opened)
     x, u = opened.points(), found.fields.u
@@ -230,7 +230,7 @@ def test_values_hold_at_source_points_and_forces_balance(open_scene, nd, method,
 
 @pytest.mark.slow
 def test_a_symmetry_plane_beside_a_held_wall_carries_its_force():
-    """A quarter tube with doubled inner radius pushes the plane with p r; p is of the radial
+    """A quarter tube with doubled inner radius pushes the plane with p r; p is from the radial
     boundary value problem. Weak forms: test_known_bodies.py.
     """
     tables = scene(
@@ -250,11 +250,11 @@ def test_a_symmetry_plane_beside_a_held_wall_carries_its_force():
 PROBLEMS = {problem.name: problem for problem in manufactured.PROBLEMS}
 MILD = [manufactured.Problem("muscle", 2, (50.0, 50.0), n, n + 1.0) for n in (1, 2)]
 #: Problem, form, points along an edge, least orders of displacement and stress, and a bound on the
-#: displacement's error at the finer size. Galerkin forms have 2 and 1 with a linear basis, 3 and 2
-#: with a quadratic one, less what is left of the next order; the others a little below what was
-#: measured (2.4, 2.5; 4.4, 3.9). With the published weights the displacement form converges too
-#: slowly at orders below 4 to be tested. Without the gradient of a modulus that varies from 500 to
-#: 2500, which makes a body force of its own, errors stay above 0.1.
+#: displacement error at the finer size. Galerkin forms have orders 2 and 1 with a linear basis, 3
+#: and 2 with a quadratic one, less the effect of the next order; those of the others are slightly
+#: below the measured ones (2.4, 2.5; 4.4, 3.9). With the published weights the displacement form
+#: converges too slowly at orders below 4 to be tested. Without the gradient of a modulus that
+#: varies from 500 to 2500, which gives an additional body force, errors stay above 0.1.
 ORDERS = {
     "nodal cells": (MILD[0], "rkpm-scni", (9, 17), 1.8, 1.0, 1.0),
     "Gauss points": (MILD[1], "rkpm-gauss", (9, 17), 2.9, 1.9, 1.0),
@@ -290,7 +290,7 @@ def test_wrong_stationary_point_is_no_answer():
     assert right["u_error"] < 3e-5 and right["stress_error"] < 1e-5
 
 
-# ---- tangents that are not formed ----------------------------------------------------------------
+# ---- matrix-free tangents ------------------------------------------------------------------------
 
 
 def two_tissues():
@@ -303,7 +303,7 @@ def two_tissues():
 
 
 def bodies():
-    """Tables, cloud, and how near minimal residuals are to a factor."""
+    """Tables, cloud, and the difference between minimal residuals and a factorisation."""
     cube, load = box(5, 5, 5, places=(6, 6, 6)), {"activation": 0.1, "steps": 1}
     for bulk in (5.0, 5000.0):
         muscle = {**MUSCLE, "K": bulk, "fiber": [0.5, 0.0, 0.87]}
@@ -329,21 +329,21 @@ def test_large_bodies_are_solved_without_forming_the_tangent(tables, cloud, near
         solved({**tables, "galerkin": {"direct_limit": limit}}, cloud=cloud).states.x[-1]
         for limit in (60000, 0)
     )
-    # a factor takes pressures along that minimal residuals have apart
+    # a factorisation includes pressures that minimal residuals treat separately
     n = min(len(free), len(factored))
     assert abs(free[:n] - factored[:n]).max() < near * abs(factored[:n]).max()
     assert not np.array_equal(free, factored)
 
 
-# ---- weak forms: locking, infinite K, displacements that hold exactly ----------------------------
+# ---- weak forms: locking, infinite K, exactly prescribed displacements ---------------------------
 
 #: Side u_x, side u_z, stress zz, stress xz, reaction x, reaction z at activation 0.05: limits of
 #: felupe's triquadratic elements from half blocks of 6x3x12, 8x4x16 and 10x5x20 and from graded
-#: ones (docs/galerkin.md); uncertain by 0.1 % in reaction x, half of it in the rest
+#: ones (docs/galerkin.md); uncertain by 0.1 % in reaction x, by half of that in the others
 LIMIT = np.array([-0.011117, -0.050253, 0.91377, 0.42244, -0.30894, -0.93580])
-#: Largest deviation with 5x5x9 and 7x7x13 points; a little above what was measured with 7x7x13
+#: Largest deviation with 5x5x9 and 7x7x13 points; slightly above the values measured with 7x7x13
 #: (0.006, 0.009, 0.003, 0.026, 0.019, 0.002; 0.009, 0.008, 0.000, 0.007, 0.007, 0.001), where the
-#: displacement form of the collocation misses u_x by 0.96. Twice that coarse, three times as much.
+#: displacement form of collocation misses u_x by 0.96. At twice the spacing, three times as much.
 INCLINED = {
     "rkpm-scni": np.array([0.01, 0.012, 0.01, 0.03, 0.023, 0.004]),
     "rkpm-gauss": np.array([0.01, 0.01, 0.005, 0.02, 0.01, 0.003]),
@@ -367,7 +367,7 @@ def test_inclined_block_does_not_lock(inputs, method, size, factor):
 @pytest.mark.slow
 def test_stress_does_not_alternate_from_cell_to_cell(inputs):
     """A shear of five with K = 1e8: derivatives of the displacement alternate by 48 % between
-    source points and the places half way, the gradients of the cells by 2.3 %, at the free ends.
+    source points and half-way points, the gradients of the cells by 2.3 %, at the free ends.
     """
     overrides = [
         "scene.method=rkpm-scni", *CUBIC, "approximation.support=2",
@@ -383,7 +383,7 @@ def test_stress_does_not_alternate_from_cell_to_cell(inputs):
 
 @pytest.mark.parametrize("method", WEAK)
 def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
-    """Fields, probes and the range of a state are one quantity, not J of integration points."""
+    """Fields, probes and the range of a state use one quantity, not J of integration points."""
     body = box(6, 6, places=(7, 7))
     opened = open_scene(
         gripped(method, body, RUBBER, "y0 y1", "J J 1 1", u_x=0.5, approximation=LINEAR)
@@ -399,7 +399,7 @@ def test_j_is_that_of_the_deformation_that_is_written(open_scene, method):
 
 @pytest.mark.slow
 def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_that_it_is_small():
-    """The secant takes its pressures along; the error is ten times the tolerance at most."""
+    """The secant includes the pressures; the error is at most ten times the tolerance."""
     more = {"approximation": LINEAR, "load": {"activation": 0.3, "steps": 6}}
     muscle = {**MUSCLE, "fiber": [0.5, 0.0, 0.87]}
     tables = gripped("rkpm-scni", box(5, 5, 5, places=(6, 6, 6)), muscle, "z0 z1", **more)
@@ -413,7 +413,7 @@ def test_load_steps_above_the_limit_begin_ahead_and_end_without_a_step_to_see_th
 
 
 def test_large_bulk_moduli_above_the_limit():
-    """A bent plane cantilever; pressures see what steps of the usual tolerance leave of volumes."""
+    """A bent plane cantilever; pressures show the volume errors left by the usual tolerance."""
     tables = scenes.loaded(
         "rkpm-gauss", box(17, 9, size=[2, 1]), scenes.neo(1, 1e6), "x0 x1",
         {"traction": [0, 0.02]}, "s cauchy_xx 0.3 0.9", load={"steps": 1},
@@ -425,7 +425,7 @@ def test_large_bulk_moduli_above_the_limit():
 @pytest.mark.slow
 def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
     """Minimal residuals in all Newton steps; half the spacing took 1.7 times as many without
-    groups. A first step wants few digits.
+    groups. A first step needs only few digits.
     """
     words = (*CUBIC, "approximation.support=1.82", "galerkin.direct_limit=0", "load.steps=1",
              "load.activation=0.02")  # fmt: skip
@@ -443,11 +443,11 @@ def test_iterations_do_not_grow_with_the_points(inputs, tmp_path):
     assert totals[1] < 1.4 * totals[0]
 
 
-# ---- displacements that hold at source points: galerkin.essential = "transformation" -----------
+# ---- displacements exact at source points: galerkin.essential = "transformation" -----------------
 
 
 def test_values_follow_amplitudes_and_rotations(open_scene):
-    """A plate that turns about its axis while it moves, in steps that are halved and grow."""
+    """A plate that rotates about its axis while it moves, in steps that are halved and enlarged."""
     tables = sheared(3, "rkpm-gauss")
     about = {"about": [0.5, 0.5, 2]}
     turned = {"set": "z1", "rotation": 60, "axis": [0, 0, 1], "u_z": 0.4, "amplitude": "there"}
@@ -477,7 +477,7 @@ def test_values_follow_amplitudes_and_rotations(open_scene):
 
 
 def test_force_is_the_derivative_of_the_energy():
-    """dE/du of a plate that moves is its force; supports that give way have no part in it."""
+    """dE/du of a moving plate is its force; compliant supports do not contribute."""
     tables = sheared(3, "rkpm-gauss")
     tables["boundary"].pop()
     tables["probe"] = scenes.probes("force force_z z1", "energy energy")
@@ -487,7 +487,7 @@ def test_force_is_the_derivative_of_the_energy():
 
 
 def test_the_penalty_comes_to_it_as_it_grows():
-    """Between source points in a plane the field hardly leaves the value: one limit, nearly."""
+    """Between source points in a plane the field is close to the value: nearly one limit."""
 
     def force(**galerkin):
         tables = sheared(3, "rkpm-gauss", galerkin={"gauss": 2, **galerkin})
@@ -501,7 +501,7 @@ def test_the_penalty_comes_to_it_as_it_grows():
 
 
 def test_points_of_a_part_of_a_side_are_held(open_scene):
-    """A set of one's own: the points in it take its value, the others of the side stay free."""
+    """A user-defined set: its points take the prescribed value, others of the side stay free."""
     tables = sheared(2, "rkpm-gauss", n=9)
     tables["set"] = [{"name": "right", "side": "y1", "where": "x > 0.45"}]
     tables["boundary"][1:] = [{"set": "right", "u_x": 0.1, "u_y": 0.1}]
@@ -529,7 +529,7 @@ def test_what_it_does_not_do_is_refused(open_scene):
 
 @pytest.mark.slow
 def test_stress_on_a_free_face_neither_alternates_nor_pulls(open_scene):
-    """A clamped block of K/mu = 300 that is sheared, on the middle of its side: pressures of groups
+    """A clamped, sheared block of K/mu = 300, in the middle of its side: pressures of groups
     alone gave .81 to .93, finite elements (Q2/P1, 6^3 and 8^3) have .970 and .961.
     """
     at = [1.0, 0.5, 1.0]
@@ -542,11 +542,11 @@ def test_stress_on_a_free_face_neither_alternates_nor_pulls(open_scene):
         answer = solved(opened)
         values = np.array(list(answer.last().values()))
         s = values[[[0, 3, 5], [3, 1, 4], [5, 4, 2]]]
-        # both stresses along a face without traction are principal ones, the third is zero
+        # both stresses along a traction-free face are principal stresses, the third is zero
         assert abs(np.linalg.eigvalsh(s)).min() < 1e-6 * values[2]
         here = np.argmin(np.linalg.norm(opened.points() - at, axis=1))
         assert_allclose(answer.fields.cauchy[here], values, atol=1e-9)
         found.append(values[2])
     assert_allclose(found, 0.961, rtol=0.03)
-    # and what the meshes leave open
+    # and the uncertainty of the meshes
     assert_allclose(found[1:], 0.961, rtol=0.01)

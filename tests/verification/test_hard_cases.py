@@ -1,7 +1,7 @@
-"""Hard cases: each ends in the right answer, or the run says that it may be off.
+"""Hard cases: each ends in the correct answer, or the run reports that it may be wrong.
 
-Right is within 2 %, the default of `accuracy`, of the first probe. J is judged in the mean over the
-body: it has no limit where held faces end.
+Correct is within 2 %, the default of `accuracy`, of the first probe. J is judged by its mean over
+the body: it has no limit at the ends of fixed faces.
 """
 
 from pathlib import Path
@@ -22,7 +22,7 @@ pytestmark = pytest.mark.nightly
 
 WEAK = ("rkpm-gauss", "rkpm-scni")
 FORMS = (*METHODS, *WEAK)
-#: What iterations leave of a homogeneous state: `solver.tolerance`
+#: Error that iterations leave in a homogeneous state: `solver.tolerance`
 ITERATED = {"near": 1e-6, "stray": 1e-6}
 
 
@@ -47,7 +47,7 @@ def swells(bulk: float, stress: float) -> tuple[float, float]:
 
 @pytest.mark.parametrize("bulk", [1e3, 1e5, 1e7, 1e10, 1e300, np.inf])
 def test_a_tube_from_compressible_to_incompressible(inputs: Path, bulk: float) -> None:
-    """The square of 1e300 overflows: there is no second solution."""
+    """The square of 1e300 overflows, so that there is no second solution."""
     deck = read_deck("tube")
     place = np.linspace(6.0, 8.0, 2001)
     radius = exact.tube(exact.Polynomial.from_deck(deck["material"][0], bulk), 6.0, 8.0, 6.0, place)
@@ -65,7 +65,7 @@ def test_large_strains(inputs: Path, form: str) -> None:
     stress, by = exact.uniaxial(law, 6.0), f"scene.method={form}"
     found = solved(inputs / "uniaxial_tension.toml", "load.steps=1", by, error=True)
     check(found, stress, swells(law.bulk, stress), **ITERATED)
-    # the tension is 700 times the shear modulus: rubber has cavities from 2.5 times it on
+    # the tension is 700 times the shear modulus: rubber cavitates from 2.5 times it on
     # (doi:10.1098/rspa.1959.0016), and the tangent is not positive definite
     law = exact.Polynomial.from_deck(read_deck("dilation")["material"][0])
     found = solved(inputs / "dilation.toml", *lattice((4, 4, 4)), by, error=True)
@@ -81,7 +81,7 @@ def test_large_strains(inputs: Path, form: str) -> None:
     ("form", "place"), [("rkpm-gauss", "[0,0.25,0.5]"), ("rkpm-scni", "[0.25,0,0]")]
 )
 def test_a_volume_ratio_that_is_off_is_not_accepted(inputs: Path, form: str, place: str) -> None:
-    """Beside the end of a sheared block: J = det F multiplies an error of F by |F| |F^-T| = 29."""
+    """Near the end of a sheared block: J = det F multiplies an error of F by |F| |F^-T| = 29."""
     asked = ("probe.shear_stress.quantity=J", f"probe.shear_stress.point={place}")
     found = solved(inputs / "shear_3d.toml", *asked, f"scene.method={form}", error=True)
     assert abs(found.last()["shear_stress"] - 1.0) > 0.05
@@ -91,7 +91,7 @@ def test_a_volume_ratio_that_is_off_is_not_accepted(inputs: Path, form: str, pla
 
 
 #: Activation in one step, and active stress far above the passive stiffness, where weak forms find
-#: an unstable body. Displacements below a hundredth of the edge are off in collocation.
+#: an unstable body. Displacements below a hundredth of the edge are wrong in collocation.
 MUSCLES = {
     ("rkcm", ""): "displacements", ("rkcm", "material.sigma_max=300"): "displacements",
     ("rkpm-gauss", ""): "", ("rkpm-gauss", "material.sigma_max=300"): "unstable",

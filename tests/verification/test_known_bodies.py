@@ -1,7 +1,7 @@
-"""Bodies whose answers are known: the muscle block, voxels of true shapes, walls of tubes.
+"""Bodies with known answers: the muscle block, voxels of true shapes, walls of tubes.
 
-Truths are finite elements of the true shape and the boundary value problem of the radius
-(`benchmarks/truths/tubes.py`), which is the same at every angle.
+References are finite elements of the true shape, and the radial boundary value problem
+(`benchmarks/truths/tubes.py`), whose solution is the same at every angle.
 """
 
 import json
@@ -23,7 +23,7 @@ from myork.console import silent
 from myork.stations.solve import run_deck
 from tests.scenes import neo, solved
 
-# ---- the block between fixed ends at the smallest size that is of use, 5 x 5 x 9 at order 4 ------
+# ---- the block between fixed ends at the smallest useful size, 5 x 5 x 9 at order 4 --------------
 
 SIZE = ("geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]")
 
@@ -33,7 +33,7 @@ def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> N
     """Within 1.5 % of the deck's references to activation 0.15 in all six quantities.
 
     Measured: 1.2 %. With full weight of the rows on faces it is 2.1 %, with weights that do not
-    fade towards the edges 3 % and more: the bound holds the row weights where the study put them.
+    decrease towards the edges 3 % or more: the bound fixes the row weights at those of the study.
     """
     overrides = (*SIZE, "load.steps=3", "load.activation=0.15")
     summary = run_deck(inputs / "muscle_fibers.toml", tmp_path, overrides=overrides, threads=1)
@@ -45,20 +45,20 @@ def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> N
 
 # ---- bodies from label maps ----------------------------------------------------------------------
 
-#: Largest error of each probe with 4 to 8 source points across [-]: measured times 1.2 or so; with
-#: twice as many the errors are less than half of these
+#: Largest error of each probe with 4 to 8 source points across [-]: about 1.2 times the measured
+#: one; with twice as many points the errors are less than half of these
 BOUNDS = {
     "cylinder": {"mid": 0.001, "force x": 0.01, "force z": 0.008},
     "spindle": {"quarter": 0.015, "force z": 0.01},
     "bracket": {"tip": 0.024, "force z": 1e-6},
-    # what is left is that of the map: 0.9 % of the force with half as large voxels
+    # the rest is due to the map: 0.9 % of the force with half as large voxels
     "three": {"interface": 0.037, "side": 0.01, "force z": 0.022},
 }
 
-#: Values that the bars of these voxels must reach, and how wide a bar may be, of the error and of
-#: the value. Of the cylinder half as many blocks differ by 0.1 % in the pull, which is 0.6 % off by
-#: stairs; what they leave open of a component is a share of its whole vector, nine times the error
-#: across the cylinder.
+#: Values that the bars of these voxels must reach, and the largest bar, relative to the error and
+#: to the value. For the cylinder half as many blocks differ by 0.1 % in the pull, which is 0.6 %
+#: off due to stairs; the uncertainty of a component is a share of its whole vector, nine times the
+#: error across the cylinder.
 BARS = {
     "cylinder": {"force x": (22.19, 10.0, 1.0), "force z": (41.77, 10.0, 1.0)},
     "three": {"interface": (0.0407, np.inf, 0.1), "side": (-0.0368, np.inf, 0.15),
@@ -87,10 +87,10 @@ def test_coarse_voxels_against_elements_of_the_true_shape(body) -> None:
 
 
 def test_a_traction_acts_on_the_end_of_a_dome_not_on_its_slice() -> None:
-    """Half a voxel further in the section is half as large again, and so was the load.
+    """Half a voxel further inside, the section is half as large again, and so was the load.
 
-    The area of the end follows from the two slices before it to within a tenth: their counts of
-    voxels are five off, of 76, and the areas go on along a parabola, not its tangent.
+    The area of the end follows from the two slices before it to within a tenth: their voxel counts
+    are off by five of 76, and the areas are extrapolated along a parabola, not its tangent.
     """
     top, load = 0.4, 0.5
     ends = held("bottom"), {"set": "top", "traction": [0, 0, -load]}
@@ -104,20 +104,20 @@ def test_a_traction_acts_on_the_end_of_a_dome_not_on_its_slice() -> None:
     case = solve_case(dict(dome.tables), (), cloud=body_cloud(dome, 0.2), limit=120)
     area = np.pi * top**2
     assert case["probes"]["f_z"] == pytest.approx(load * area, rel=0.1)
-    # a fifth of what the end is narrower than its slice, a third, is left open
+    # the end is narrower than its slice by a third, a fifth of which is left uncertain
     assert case["probe_errors"]["f_z"] > 0.2 * 0.3 * load * area
 
 
 @pytest.mark.slow
 def test_a_stress_is_judged_by_the_size_of_its_own_tissue() -> None:
-    """In a soft core that carries a tenth of what is around it the stress is 27 % off: by the mean
-    of all tissues that was accepted.
+    """In a soft core that carries a tenth of its surroundings the stress is 27 % off: relative to
+    the mean of all tissues, that was accepted.
     """
     (found,) = answers({5: body_of(5)}, TRUTHS, silent, (), AS_THEY_ARE)
     assert found["off"] > 0.05 and found["verdict"] == "doubtful", found
 
 
-# ---- walls of tubes, where they meet planes of symmetry as well as between them ------------------
+# ---- walls of tubes, at planes of symmetry and between them --------------------------------------
 
 
 #: Radii, motion of the inner wall, bulk modulus
@@ -131,7 +131,7 @@ STIFF = (6.0, 8.0, 6.0, 1e7)
     ((6.0, 8.0, -1.0, 1e3), [9, 51]),
 ])  # fmt: skip
 def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
-    """With a support of 2.5 the walls were 20 and 6 % off at the planes of symmetry, accepted."""
+    """With a support of 2.5 the walls were 20 and 6 % off at planes of symmetry, but accepted."""
     exact = wall_stresses(*tube)
     found = solved(sized_tables(tube_deck(*tube), source), error=True)
     assert found.states.verdict == "accepted", found.states.reasons
@@ -146,8 +146,8 @@ def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
     ((10.0, 11.0, 2.0, 1e4), 5e-6),
 ])  # fmt: skip
 def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube, bound) -> None:
-    """The cut carries the pressure on the bore. Where they meet tractions are of order two over a
-    length of one spacing; from a motion of the cut alone, which jumps there, errors of few points
+    """The cut carries the pressure on the bore. Where they meet, tractions are of order two over a
+    length of one spacing; from a motion of the cut alone, which jumps there, errors with few points
     are 3 to 7 times larger.
     """
     exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
@@ -174,7 +174,7 @@ def test_the_wall_bears_what_its_supports_exert(source, bound, essential) -> Non
 
 
 def test_a_glued_end_bears_what_its_supports_exert() -> None:
-    """A bent quarter ring held at both ends, in the middle of one end: otherwise 10 % off."""
+    """A bent quarter ring fixed at both ends, in the middle of one end: otherwise 10 % off."""
     problem = problem_of(48)
     truths = known(problem.name)
     assert truths is not None
@@ -184,8 +184,8 @@ def test_a_glued_end_bears_what_its_supports_exert() -> None:
 
 # ---- decks of inputs/ against stored answers -----------------------------------------------------
 
-#: Value, tolerance and origin of each number; those of this program are changed by hand where a
-#: change of the method moves them
+#: Value, tolerance and origin of each number; those of this program are changed by hand when a
+#: change of the method alters them
 REFERENCES = Path(__file__).parents[1] / "references"
 
 

@@ -1,6 +1,6 @@
 """Linear problems and motions by their properties: patch tests, orders, cantilevers, refusals.
 
-Collocation (rkcm) and the Galerkin form (rkpm-gauss) take the same decks.
+Collocation (rkcm) and the Galerkin form (rkpm-gauss) use the same decks.
 """
 
 import functools
@@ -32,7 +32,7 @@ ELASTIC = {**BAR, "nu": 0.3}
 STIFF = {**ELASTIC, "nu": 0.4999}
 SIDES = ("x0", "x1", "y0", "y1", "z0", "z1")
 SIZE = (1.0, 0.5, 2.0)
-#: Gradients of polynomials (1 + a . x/size)^degree, those of a field from its number on
+#: Gradients of polynomials (1 + a . x/size)^degree, those of a field starting at its number
 DIRECTION = (0.7, -0.4, 0.5, 0.3, -0.6)
 
 
@@ -52,9 +52,9 @@ def derivative(nd: int, degree: int, field: int, *along: int) -> str:
 def solution(
     nd: int, problem: dict[str, Any], degree: int, essential: Any, grows: bool
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
-    """Tables of a problem whose solution is known: its sources, and values or fluxes on sides.
+    """Tables of a problem with a known solution: its sources, and values or fluxes on sides.
 
-    Where it grows, conductivity or Young's modulus are 1 + x times those of the problem.
+    If `grows`, conductivity or Young's modulus are 1 + x times those of the problem.
     """
     axes = range(nd)
     u = functools.partial(derivative, nd, degree)
@@ -96,7 +96,7 @@ def known(
     nd: int, problem: dict[str, Any], n: int = 6, method: str = "rkcm", essential: Any = SIDES,
     places: int = 11, degree: int = 0, grows: bool = False, **more: Any,
 ) -> dict[str, Any]:  # fmt: skip
-    """A known solution in a box whose edges differ, prescribed on some sides."""
+    """A known solution in a box with unequal edges, prescribed on some sides."""
     geometry = box(*[n] * nd, size=SIZE[:nd], places=[places] * nd)
     linear, boundary = solution(nd, problem, degree, essential, grows)
     return scene(method, geometry, linear=linear, boundary=boundary) | more
@@ -114,7 +114,7 @@ def errors(deck: Any, *overrides: str) -> Any:
 @pytest.mark.parametrize("order", [2, 3])
 @pytest.mark.parametrize("grows", [False, True])
 def test_polynomials_are_reproduced(dimension: int, order: int, grows: bool) -> None:
-    """Polynomials of the order of the basis are solutions to rounding, fluxes included."""
+    """Polynomials of the order of the basis are solutions up to rounding, fluxes included."""
     tables = known(
         dimension, POISSON, essential=("x0",), degree=order, grows=grows,
         approximation={"order": order, "support": order + 1},
@@ -140,7 +140,7 @@ def test_patch(nd: int, problem: Any, form: Any, essential: str) -> None:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_elastic_patch(dimension: int) -> None:
-    """A linear displacement is exact, and its stress is Hooke's."""
+    """A linear displacement is exact, and its stress satisfies Hooke's law."""
     at = "0.4 0.2 1.1"[: 4 * dimension]
     tables = known(
         dimension, {**ELASTIC, "E": 250.0}, essential=("x0", "y1"), degree=1,
@@ -173,19 +173,19 @@ def test_all_solvers_find_the_same_fit() -> None:
 
 
 @pytest.mark.parametrize(("deck", "sizes", "ratio", "words", "least", "fitted", "bound"), [
-    # the published sizes, support and weights: a little less than the published rates, fitted
-    # ones as measured with these shape functions, twice the errors measured on the finest grid
+    # published sizes, support and weights: slightly less than the published rates, fitted
+    # rates as measured with these shape functions, twice the errors measured on the finest grid
     ("poisson_1d", (10, 15, 20, 25, 30), 2, (), (3.0, 2.4), (3.03, 2.47), (2.8e-6, 5.4e-5)),
     ("poisson_2d", (10, 15, 20, 25, 30), 2, (), (3.0, 2.4), (3.35, 2.63), (7.2e-7, 3.2e-5)),
     # theory (5.18) is order + 1 in L2 and order in H1
     ("poisson_1d", (10, 15, 20, 25, 30), 4, (3, 4), (4, 3), (4.4, 3.5), (1.1e-8, 7e-7)),
     ("poisson_1d", (10, 15, 20, 25, 30), 4, (4, 5), (4, 3), (4.7, 4.1), (2e-10, 1.2e-8)),
-    # far from the asymptotic range: only that they are not below theory
+    # far from the asymptotic range: only not below theory
     pytest.param("poisson_3d", (5, 6, 8), 0, (), (2.8, 1.8), None, (5e-3, 2.2e-2),
                  marks=pytest.mark.slow),
 ])  # fmt: skip
 def test_rates_of_collocation(inputs, deck, sizes, ratio, words, least, fitted, bound):
-    """L2 and H1 by so many collocation points a source point and direction, 0 for half way."""
+    """L2 and H1 by ratio of collocation to source points per direction, 0 for half-way points."""
     nd, found = int(deck[-2]), []
     order = ["approximation.order={0}", "approximation.support={1}"] if words else []
     for n in sizes:
@@ -208,7 +208,7 @@ def test_rates_of_collocation(inputs, deck, sizes, ratio, words, least, fitted, 
     ("nd", "problem"), [(1, POISSON), (2, POISSON), (2, ELASTIC), (2, {**ELASTIC, "nu": 0.499})]
 )
 def test_orders(nd: int, problem: Any, form: Any, least: float, finest: float) -> None:
-    """The error falls with one order more than that of the basis."""
+    """The error decreases with one order more than that of the basis."""
     found = [
         errors(known(nd, problem, n, "auto", ["x0", "x1"], n, **form))["relative_L2"]
         for n in (9, 17, 33)
@@ -217,14 +217,14 @@ def test_orders(nd: int, problem: Any, form: Any, least: float, finest: float) -
     assert found[2] < finest
 
 
-# ---- coefficients that vary ----------------------------------------------------------------------
+# ---- variable coefficients -----------------------------------------------------------------------
 
 #: Source points along an edge in one to three dimensions
 SIZES = {1: (9, 17, 33), 2: (7, 13, 25), 3: (5, 9)}
 
 
 def varied(nd: int, problem: dict[str, Any], n: int, method: str) -> dict[str, Any]:
-    """A polynomial that functions of second order do not hold, with values on all sides but x1."""
+    """A polynomial outside functions of second order, with values on all sides but x1."""
     held_sides = tuple(side for side in SIDES if side != "x1")
     return known(
         nd, problem, n, method, held_sides, 2 * n - 1, degree=5, grows=True,
@@ -247,7 +247,7 @@ def test_problems_with_varying_coefficients_converge(method, rate, nd, problem) 
 
 def test_coefficients_that_jump_are_smoothed_for_collocation() -> None:
     """A bar of two stiffnesses, pulled: its end moves by F (L1/E1 + L2/E2), interpolated or not."""
-    # the stiffness reaches over half the support, where the soft side gives less way
+    # the stiffness extends over half the support, where the soft side yields less
     for smoothing, near in (({}, 5e-3), ({"smoothing": 3.0}, 5e-2)):
         tables = scene(
             "rkpm-gauss", box(41), approximation={"order": 2}, probe=probes("end u_x 1"),
@@ -299,7 +299,7 @@ def test_cantilever_by_the_galerkin_form(inputs: Path, order: int) -> None:
     assert reaction == pytest.approx(-100.0, rel=1e-9)
 
 
-# ---- files, and what is said ---------------------------------------------------------------------
+# ---- files and output ----------------------------------------------------------------------------
 
 
 def test_one_step_and_its_files(tmp_path: Path, inputs: Path) -> None:
@@ -324,7 +324,7 @@ def test_one_step_and_its_files(tmp_path: Path, inputs: Path) -> None:
 
 
 def test_explain_has_no_load_steps_of_a_linear_problem(inputs: Path) -> None:
-    """The solution is known, and one solve is all."""
+    """The solution is known, and a single solve is needed."""
     text = explained(inputs / "cantilever.toml")
     says = "linear elasticity in plane strain", "one least squares solve", "of which error bars 0"
     assert all(line in text for line in says) and "load steps" not in text, text
@@ -346,8 +346,8 @@ def test_explain_forecasts_the_time(inputs: Path) -> None:
 
 @pytest.mark.parametrize("essential", ["penalty", "transformation"])
 def test_a_slender_beam_whose_factor_has_too_few_digits(essential: str) -> None:
-    """Bending is 1e9 times softer than what holds the ends: an iteration that looks at the sum of
-    both took the middle, by symmetry half way, to be at -0.12.
+    """Bending is 1e9 times softer than the end supports: an iteration that looks at the sum of
+    both placed the middle, half-way by symmetry, at -0.12.
     """
     tables = scene(
         "rkpm-gauss", box(101, 5, 5, size=[50, 1, 1]),
@@ -374,7 +374,7 @@ def string(points: int, step: float, **dynamics: Any) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("method", "rate"), [("rkcm", 1.5), ("rkpm-gauss", 1.85)])
 def test_wave_against_d_alembert(method: str, rate: float) -> None:
-    """Order 2 in time; collocation keeps an error of its points."""
+    """Order 2 in time; collocation keeps a spatial error."""
     deck, steps = INPUTS / "wave_1d.toml", [0.2, 0.1, 0.05]
     form = f"scene.method={method}"
     found = [errors(deck, form, f"dynamics.time_step={step}")["relative_L2"] for step in steps]
@@ -394,13 +394,13 @@ def test_limit_is_that_of_a_uniform_lattice() -> None:
 
 
 def test_free_bodies_fly() -> None:
-    """A velocity that is the same everywhere stays."""
+    """A uniform velocity is constant."""
     found = solved(string(11, 0.02, velocity=2.0) | {"probe": probes("end u_x 1")})
     assert found.probes["end"][:, 0] == pytest.approx(2.0 * found.states.load, rel=1e-9)
 
 
 def pulled(method: str, end: dict[str, Any]) -> dict[str, Any]:
-    """u = t^2 sin(2x) + x t: a wall at rest, and an end that is pulled or moved."""
+    """u = t^2 sin(2x) + x t: a fixed wall, and an end that is pulled or moved."""
     return scene(
         method, box(21), boundary=[{"set": "x0", "u_x": 0}, {"set": "x1"} | end],
         linear={"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},
@@ -436,7 +436,7 @@ def test_loads_in_time(method: str, end: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize("dimension", [1, 2])
 def test_reactions_of_a_bar_that_swings(dimension: int) -> None:
-    """u = sin(pi x) sin(pi t)/pi between two walls, which press with sin(pi t): order 2."""
+    """u = sin(pi x) sin(pi t)/pi between two walls, with reactions sin(pi t): order 2."""
     found = []
     for cells in (10, 20):
         n = [cells + 1, 3][:dimension]
@@ -454,7 +454,7 @@ def test_reactions_of_a_bar_that_swings(dimension: int) -> None:
 
 
 def test_membrane_in_the_plane() -> None:
-    """Poisson's operator moves as a membrane: sin(pi x) sin(pi y) sin(sqrt 2 pi t)."""
+    """With Poisson's operator the motion is a membrane's: sin(pi x) sin(pi y) sin(sqrt 2 pi t)."""
     tables = scene(
         "rkpm-gauss", box(25, 25, places=(25, 25)),
         linear={"problem": "poisson", "exact": "sin(pi*x)*sin(pi*y)*sin(sqrt(2)*pi*t)"},
@@ -466,7 +466,7 @@ def test_membrane_in_the_plane() -> None:
 
 
 def vibrating(unit: float, end: float, **linear: Any) -> dict[str, Any]:
-    """A string that swings with period 2, its time in a unit."""
+    """A string that vibrates with period 2, its time in a given unit."""
     return scene(
         "rkpm-gauss", box(21), linear={"problem": "elasticity", "E": 1} | linear,
         boundary=[{"set": "x0", "u_x": 0}, {"set": "x1", "u_x": 0}],
@@ -487,7 +487,7 @@ def test_a_motion_that_ends_at_rest_is_judged_by_its_amplitude(
     values = np.array([step["probes"]["middle"] for step in found["steps"]])
     time = np.array([step["load"] for step in found["steps"]])
     assert 0 < bars[-1] < 0.01
-    # a second solution has the same time step, whose error is about (pi dt)^2/24 pi t
+    # the second solution has the same time step, whose error is about (pi dt)^2/24 pi t
     assert (np.abs(values - np.sin(np.pi * time)) < bars + 4e-4).all()
 
 
@@ -502,7 +502,7 @@ def test_bars_of_a_motion_do_not_depend_on_the_unit_of_time(tmp_path: Path) -> N
 
 
 def test_more_points_take_shorter_time_steps(tmp_path: Path) -> None:
-    """Four cells across a plane beam: it is compared with eight, which need half the step."""
+    """Four cells across a plane beam are compared with eight, which need half the step."""
     tables = scene(
         "rkpm-gauss", box(9, 3, size=[2, 0.5]), boundary=[{"set": "x0", "u_x": 0, "u_y": 0}],
         linear={"problem": "elasticity", "E": 1, "nu": 0},
@@ -514,7 +514,7 @@ def test_more_points_take_shorter_time_steps(tmp_path: Path) -> None:
 
 
 def poisson(**change: Any) -> dict[str, Any]:
-    """A problem of the Galerkin form with another entry of `[linear]`."""
+    """A problem of the Galerkin form with a changed entry of `[linear]`."""
     tables = known(2, POISSON, 5, "rkpm-gauss", places=9)
     return tables | {"linear": tables["linear"] | change}
 
@@ -531,7 +531,7 @@ def poisson(**change: Any) -> dict[str, Any]:
     (string(11, 0.01, velocity=["1", "2"]), "dynamics.velocity: must have 1 item"),
     (string(11, 0.01, density="x - 1"), "dynamics.density: must be positive, not"),
     (string(11, 0.01, velocity="t"), "Unexpected token \"t\""),
-    # time has no meaning at rest
+    # time is meaningless in a static problem
     (pulled("rkpm-gauss", {"u_x": "t"}) | {"dynamics": None}, "Unexpected token \"t\""),
     (pulled("rkcm", {}) | {"probe": probes("pull force_x x0")}, "quantity: force_x is not known"),
 ])  # fmt: skip

@@ -1,11 +1,11 @@
 """A verdict belongs to the scene, not to its description.
 
-Random valid scenes and their twins: mirrored, turned by 90 degrees, shifted, in other units, with
+Random valid scenes and their twins: mirrored, rotated by 90 degrees, shifted, in other units, with
 points in another order, with the load split into two programmes. Twins have one verdict, the same
-probes and the same error bars; what symmetry makes zero is zero within its bar, and a body that
-nothing strains is an answer.
+probes and the same error bars; values that vanish by symmetry are zero within their bars, and a
+body without strain has a valid answer.
 
-MYORK_SCENES and MYORK_SEED choose more scenes and others than in the suite.
+MYORK_SCENES and MYORK_SEED select more and other scenes than those of the suite.
 """
 
 import os
@@ -24,16 +24,16 @@ from myork.records import PointCloud, Voxels
 from myork.tables import deck_text
 from tests.scenes import PLANES, annulus, box, held, neo, probes, voxels
 
-#: A number that is off by this share of its bar says the same; bars are a thousandth of the value
-#: at least, and iterations end at 1e-6 of it
+#: Numbers that differ by less than this share of the bar are equal; bars are at least a thousandth
+#: of the value, and iterations end at 1e-6 of it
 OF_BAR = 0.01
-#: Roundings beside the largest number of its kind, of bars and of probes
+#: Rounding relative to the largest number of its kind, of bars and of probes
 ROUNDING = 1e-6
-#: Bars are the same to this
+#: Relative difference up to which bars are equal
 OF_BARS = 0.1
 AXES = "xyz"
 METHODS = ("auto", "rkpm-gauss", "rkpm-scni", "rkcm", "rkcm-mixed")
-#: Moduli of the models, as parts of the shear modulus
+#: Moduli of the models, relative to the shear modulus
 LAWS = {
     "neo-hookean": {"mu": 1.0},
     "mooney-rivlin": {"C1": 0.4, "C2": 0.1},
@@ -70,7 +70,7 @@ class Case(NamedTuple):
         return np.zeros(self.nd), np.array(size, float)
 
     def change(self, **tables: Any) -> "Case":
-        """The same with other tables, those that are None left out."""
+        """The same with other tables; those that are None are removed."""
         every = (self.tables | tables).items()
         return Case({key: table for key, table in every if table is not None}, self.cloud)
 
@@ -173,7 +173,7 @@ def _materials(rng: np.random.Generator, case: Case, strong: bool) -> list[dict[
 
 
 def _load(rng: np.random.Generator, case: Case, strong: bool) -> dict[str, Any]:
-    """Hold one end, load the other in one of many ways, and perhaps activate."""
+    """Fix one end, load the other in one of many ways, and perhaps activate."""
     nd, (low, size), mu = case.nd, case.frame, 10.0
     sides = [(f"{a}{end}", f"{a}{1 - end}", i) for i, a in enumerate(AXES[:nd]) for end in (0, 1)]
     if case.kind == "voxels":
@@ -220,7 +220,7 @@ def _load(rng: np.random.Generator, case: Case, strong: bool) -> dict[str, Any]:
     boundary.append(entry)
     if case.kind == "box" and not strong and len(boundary) == 2 and rng.random() < 0.2:
         beside = next(name for name, _, a in sides if a != axis)
-        # the load stays the last
+        # the load remains the last
         boundary.insert(0, {"set": beside, "spring": [float(rng.uniform(0.5, 5))] * nd})
     load: dict[str, Any] = {"steps": int(rng.integers(1, 4)), "max_halvings": 3}
     if any(m["model"] == "muscle" for m in case.tables["material"]) and rng.random() < 0.7:
@@ -229,7 +229,7 @@ def _load(rng: np.random.Generator, case: Case, strong: bool) -> dict[str, Any]:
 
 
 def _probes(rng: np.random.Generator, case: Case) -> list[dict[str, Any]]:
-    """Vectors and scalars of places inside and of the sets with conditions."""
+    """Vectors and scalars at inner points and of the sets with conditions."""
     nd, (low, size), tables = case.nd, case.frame, case.tables
     names = ["u", "J", "pressure", "principal_max", "cauchy_xx", "cauchy_xy", "u_y", "cauchy_yy"]
     names += ["cauchy_zz", "cauchy_xz"] * (nd == 3)
@@ -261,7 +261,7 @@ def mapped(case: Case, twin: Twin) -> Case:
     handed = round(np.linalg.det(twin.turn))
 
     def axis(letter: str) -> tuple[str, float]:
-        """Where an axis goes, and its sign there."""
+        """Image of an axis, and its sign there."""
         b = int(np.argmax(abs(turn[:, AXES.index(letter)])))
         return AXES[b], float(turn[b, AXES.index(letter)])
 
@@ -323,7 +323,7 @@ def mapped(case: Case, twin: Twin) -> Case:
 def _quantity(name: str, twin: Twin, nd: int) -> tuple[str, float]:
     """Name of a component in other axes, and the factor of its value there."""
     head, _, axes = name.partition("_")
-    # of length and stress; forces and torques in the plane are per thickness
+    # by length and stress; forces and torques in the plane are per thickness
     powers = {"u": (1, 0), "force": (nd - 1, 1), "torque": (nd, 1), "J": (0, 0), "fiber": (0, 0)}
     length, stress = powers.get(head, (0, 1))
     factor = twin.length**length * twin.stress**stress
@@ -377,7 +377,7 @@ def _reordered(cloud: PointCloud, rng: np.random.Generator) -> PointCloud:
 
 
 def solved(case: Case) -> Answer:
-    """Answer to a scene; a run that ends early is one without numbers."""
+    """Answer to a scene; a run that stops early has no numbers."""
     with Scene.from_tables(case.tables, case.cloud, threads=1) as scene:
         try:
             states = scene.solve()
@@ -391,7 +391,7 @@ def solved(case: Case) -> Answer:
 def differences(
     case: Case, one: Answer, two: Answer, twin: Twin = SAME, within: bool = False
 ) -> list[str]:
-    """What two answers to one scene say differently; `within` the bars where lattices differ."""
+    """Differences of two answers to one scene; `within` the bars where lattices differ."""
     found = []
     if one.verdict != two.verdict:
         found.append(f"{one.verdict} {one.reasons} becomes {two.verdict} {two.reasons}")
@@ -415,12 +415,12 @@ def differences(
         room = (1 if within else OF_BAR) * wide + rounding
         missing = np.any(np.isnan(bar) != np.isnan(its))
         if refused and np.isnan([bar, its]).all():
-            # a refused answer without bars says nothing about its values
+            # a refused answer without bars has no reliable values
             continue
         if np.any(abs(value - other) > room) or np.any(np.isnan(value) != np.isnan(other)):
             found.append(f"{name}: {value} +- {bar} becomes {other} +- {its}")
         elif refused and missing:
-            # by another path the second solution of a refused one may find another branch
+            # along another path the second solution of a refused one may find another branch
             continue
         elif not within and (missing or np.any(abs(bar - its) > OF_BARS * wide + rounding)):
             found.append(f"{name}: bar of {value}, {bar}, becomes {its}")
@@ -442,7 +442,7 @@ def _moved(case: Case, base: Answer, turn: np.ndarray, far: float = 0.0) -> list
 
 
 def mirror(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
-    """Mirrored in one direction; a quarter ring in its middle, voxels where they come in pairs."""
+    """Mirrored in one direction; a quarter ring at its middle, voxels if they come in pairs."""
     if case.kind == "annulus":
         return _moved(case, base, np.eye(3)[[1, 0, 2]])
     axes = list(range(case.nd))
@@ -457,7 +457,7 @@ def mirror(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
 
 
 def rotation(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
-    """Turned by 90 degrees, bodies of images about z: their slices are across it."""
+    """Rotated by 90 degrees, image bodies about z only: their slices are normal to it."""
     if case.kind == "annulus":
         return []
     axis = rng.integers(3) if case.kind == "box" and case.nd == 3 else 2
@@ -468,7 +468,7 @@ def rotation(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
 
 
 def shift(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
-    """A thousand lengths away, of bodies whose place can be chosen."""
+    """Shifted by a thousand lengths, for bodies whose position can be chosen."""
     if case.cloud is None:
         return []
     return _moved(case, base, np.eye(3), 1000 * float(max(case.frame[1])))
@@ -488,7 +488,7 @@ def order(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
 
 
 def split(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
-    """Loads one after the other, in both orders, end where they end together."""
+    """Loads one after the other, in both orders, end in the same state as both together."""
     paths = []
 
     def second(table: dict[str, Any]) -> dict[str, Any]:
@@ -510,7 +510,7 @@ def split(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
 
 
 def zero(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
-    """What symmetry in y makes zero is zero within its bar."""
+    """Values that vanish by symmetry in y are zero within their bars."""
     if case.kind == "annulus":
         return []
     nd, (low, size) = case.nd, case.frame
@@ -536,7 +536,7 @@ def zero(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
 
 
 def _unloaded(case: Case) -> Case:
-    """The same without any load."""
+    """The same scene without any load."""
 
     def entry(old: dict[str, Any]) -> dict[str, Any]:
         loads = [k for k in old if k[:2] == "u_" or k in ("pressure", "radial", "rotation")]
@@ -550,8 +550,8 @@ def _unloaded(case: Case) -> Case:
 
 
 def _unstrained(case: Case, moved: Callable[[np.ndarray], np.ndarray] = np.zeros_like) -> list[str]:
-    """What is said of a body without strain beside that it is accepted, without forces, and moved
-    as a function of places says."""
+    """Faults of a body without strain: it must be accepted, without forces, and moved
+    as a function of position says."""
     answer = solved(case)
     found = [] if answer.verdict == "accepted" else [f"{answer.verdict}: {answer.reasons}"]
     stiff = max(m["K"] for m in case.tables["material"])
@@ -573,7 +573,7 @@ def rest(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
 
 
 def rigid(case: Case, base: Answer, rng: np.random.Generator) -> list[str]:
-    """Carried and perhaps turned by one set."""
+    """Translated and perhaps rotated by one set."""
     side = "bottom" if case.kind == "voxels" else "x0"
     motion: dict[str, Any] = {f"u_{a}": float(rng.normal()) for a in AXES[: case.nd]}
     if rng.random() < 0.5:

@@ -1,4 +1,4 @@
-"""Boundary sets and regions of materials that decks name, by side, normal or expression."""
+"""Boundary sets and regions of materials defined by decks, by side, normal or expression."""
 
 from typing import Any
 
@@ -13,7 +13,7 @@ from myork.records import Labels, PointCloud
 from tests import scenes
 from tests.scenes import box, gripped, held, neo, probes, refused, scene, solved, voxels
 
-#: No Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu, and a clamped end disturbs no bending
+#: Zero Poisson's ratio at small strains: E = 2 mu, K = 2/3 mu, so that a clamp disturbs no bending
 CORK = neo(1.0, 2 / 3, "cork")
 E = 2.0
 PULL = 1e-5
@@ -35,7 +35,7 @@ def last(tables: dict[str, Any], cloud: PointCloud | None = None) -> NDArray[np.
 
 
 @pytest.mark.parametrize(("method", "border"), [
-    # facets of nodal cells have two points each: they meet a border to a quarter of a spacing only
+    # facets of nodal cells have two points each: they resolve a border to a quarter of a spacing
     ("rkpm-gauss", 0.5), ("rkpm-gauss", 0.43), ("rkpm-scni", 0.5),
 ])  # fmt: skip
 def test_a_load_on_a_part_of_the_end_bends_the_column(method: str, border: float) -> None:
@@ -73,14 +73,14 @@ def test_a_set_that_is_a_whole_side_is_that_side(what: dict[str, Any], method: s
 
 
 def sliding(left: str, low: str) -> dict[str, Any]:
-    """A slide beside a clamped side, whose forces are those of a motion of both."""
+    """A slide beside a clamped side, with forces as for a motion of both."""
     ends = [{"set": left, "u_x": 0}, held(low, 2), {"set": "x1", "u_y": 0, "traction": [3, 0]}]
     wanted = probes(f"slide force_x {left}", f"wall force_x {low}", "s cauchy_yy 0.5 0")
     return scene("rkpm-gauss", box(9, 9), material=[neo(10, 1e3)], boundary=ends, probe=wanted)
 
 
 def ring(end: str, _: str) -> dict[str, Any]:
-    """A quarter ring that is held at an end and pulled at its outer wall."""
+    """A quarter ring that is fixed at one end and pulled at its outer wall."""
     body, end = scenes.annulus(5, 9, radii=(1, 1.6), places=False), f"{end} outer"
     return scenes.loaded(
         "rkpm-gauss", body, neo(10, 200), end, {"traction": [0.3, 0.1]}, "u u_x 1.1 0.7",
@@ -100,7 +100,7 @@ def test_a_whole_side_has_the_force_and_bars_of_that_side(body: Any) -> None:
 
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm-mixed"])
 def test_sets_that_turn_alike_agree_where_they_meet(method: str) -> None:
-    """Two sides that meet turn the whole body, without any stress."""
+    """Two adjacent sides rotate the whole body, without any stress."""
     turn = {"rotation": 30, "about": [0.3, 0.2]}
     body = scene(
         method, box(5, 5), material=[neo(10, 100)],
@@ -138,7 +138,7 @@ def test_parts_add_to_the_whole() -> None:
 
 
 def test_linear_problems_have_named_sets() -> None:
-    """Heat that enters through a part of a side, against the same by an expression."""
+    """Heat that enters through a part of a side, compared with the same by an expression."""
     tables = scene(
         "auto", box(9, 9, places=(9, 9)), linear={"problem": "poisson"},
         set=[{"name": "door", "side": "x1", "where": "y > 0.25 and y < 0.75"}],
@@ -179,7 +179,7 @@ def cylinder(h: float) -> PointCloud:
 
 @pytest.mark.slow
 def test_sets_of_a_model() -> None:
-    """Loads on parts of the wall of a cylinder act on its smooth area, not that of its voxels."""
+    """Loads on parts of the wall of a cylinder act on its smooth area, not on its voxels'."""
     tables = scene(
         "auto", {}, material=[neo(10.0, 20 / 3)],
         set=[
@@ -203,7 +203,7 @@ def test_sets_of_a_model() -> None:
 
 
 def test_a_half_body_has_half_the_force() -> None:
-    """The plane of symmetry of a cut label map has all faces of it, those at its rim as well."""
+    """The plane of symmetry of a cut label map has all faces of it, including those at its rim."""
     n = 8
     middle = np.arange(n) + 0.5 - n / 2
     disc = middle[:, None] ** 2 + middle**2 < (n / 2) ** 2
@@ -226,7 +226,7 @@ def test_a_half_body_has_half_the_force() -> None:
 
 
 def test_a_plane_map_has_as_many_sets_as_asked() -> None:
-    """A single slice, which has one side: its ends differ in their normals."""
+    """A single slice with one side: its ends differ in their normals."""
     cloud = voxels(np.ones((24, 8, 1)), 1.0, source_stride=[2] * 3)
     assert cloud.set_names == ("surface",)
     tables = scene(
@@ -249,7 +249,7 @@ PULSE = {"name": "pulse", "time": [0, 0.1, 0.11, 0.12, 1], "value": [0, 0, 1, 0,
 
 
 def pulled(*material: dict[str, Any]) -> dict[str, Any]:
-    """A strip that is pulled with a stress of 1e-4 along x."""
+    """A strip in tension with a stress of 1e-4 along x."""
     body, end = box(21, 5, size=[1, 0.2]), {"traction": [1e-4, 0]}
     load = {"steps": 1}
     return scenes.loaded("rkpm-gauss", body, material, "x0 x1", end, "end u_x 1 0.1", load=load)
@@ -275,7 +275,7 @@ def pulled(*material: dict[str, Any]) -> dict[str, Any]:
          "prescribe two displacements, one of them by a tendon, as a plate, for component"),
         ([SIDE | {"where": "abs(x - 0.5) < 1e-9"}], {"set": "pad", "u_x": 0.1},
          "set pad: it contains 1 boundary points, but none of the"))),
-    # which material lies where
+    # position of each material
     (pulled(CORK | {"where": "x < 0.5"}), "material.cork.where: no material is given at"),
     (pulled(CORK, OAK), "material.cork.label: missing"),
     (pulled(CORK, OAK | {"where": "x > 2"}), "material.oak.where: no point lies there"),

@@ -1,4 +1,4 @@
-"""Where Newton's iteration ends, with residuals that remain and in decks that name nothing."""
+"""Convergence of Newton's method, with nonzero residuals and in decks without settings."""
 
 import re
 from pathlib import Path
@@ -26,7 +26,7 @@ EDGES = (
 
 @pytest.mark.slow
 def test_steps_shrink_by_one_factor(inputs: Path, tmp_path: Path) -> None:
-    """Convergence is linear: what is left at the end is the tolerance times rate/(1 - rate)."""
+    """Convergence is linear: the remaining error is the tolerance times rate/(1 - rate)."""
     deck = inputs / "muscle_fibers.toml"
     summary, done = execute(deck, tmp_path, "--no-error", sets=(*EDGES, "solver.tolerance=1e-8"))
     assert summary["converged"], done.stderr
@@ -44,7 +44,7 @@ def test_steps_shrink_by_one_factor(inputs: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_kinks_end_the_iteration(inputs: Path) -> None:
-    """Fibers on the kink of the published curve make a cycle: it ends, with a cure."""
+    """Fibers at the kink of the published curve cause a cycle: it is stopped, with a remedy."""
     overrides = [
         "scene.method=rkcm", "approximation.order=2", "approximation.support=3",
         "geometry.source=[5,5,9]", "geometry.collocation=[9,9,17]", "material.curve=published",
@@ -57,10 +57,10 @@ def test_kinks_end_the_iteration(inputs: Path) -> None:
 
 @pytest.mark.parametrize(("slender", "over"), [(6, 1.6), (8, 1.3), (10, 1.6)])
 def test_columns_bend_beyond_the_load_of_euler(slender: int, over: float) -> None:
-    """A step along the soft mode strains the length, so that residuals grow on the way.
+    """A step along the soft mode strains the length, so that residuals increase on the way.
 
-    The tip follows the elastica, but for shortening and shear of a body this thick and a side load
-    of 1.5 % of Euler's load.
+    The tip follows the elastica, except for shortening and shear of such a thick body and a side
+    load of 1.5 % of Euler's load.
     """
     modulus = scipy.optimize.brentq(
         lambda k: scipy.special.ellipk(k * k) - 0.5 * np.pi * np.sqrt(over), 1e-6, 1 - 1e-9
@@ -90,19 +90,19 @@ def test_a_load_that_no_state_carries_costs_few_iterations() -> None:
             body.solve(error=False)
         assert 0.6 < body.states.load[-1] < 0.65
         assert body.states.iterations.sum() < 120
-    # and where the step fails
+    # and the place where the step fails
     assert re.search(r"smallest J [\d.]+ at \([\d.]+, [\d.]+\)", str(caught.value))
 
 
 @pytest.mark.parametrize("push", [-300.0, 1e4])
 def test_the_last_attempt_is_let_run(push: float) -> None:
-    """A block under a dead load of hundreds of its modulus: only a slow attempt, or one with a far
-    first iterate, converges."""
+    """A block under a dead load of hundreds of its modulus: only a slow attempt, or one with a
+    distant first iterate, converges."""
     with Scene.from_tables(scenes.pushed(push)) as body:
         assert body.solve(error=False).load[-1] == 1.0
 
 
-# ---- decks that name no method, order, support, curve or load steps ------------------------------
+# ---- decks without method, order, support, curve or load steps -----------------------------------
 
 
 SOFT = neo(2.0, 6.0, "soft")
@@ -132,8 +132,8 @@ DECKS: dict[str, dict[str, Any]] = {
 @pytest.mark.slow
 @pytest.mark.parametrize("name", DECKS)
 def test_one_load_step_ends_where_eight_do(name: str) -> None:
-    """Elastic bodies do not know the way; step and gradient end at 1e-6 of the first ones. Forms
-    that decks get: tests/unit/test_defaults.py.
+    """Elastic bodies have no path dependence; step and gradient end at 1e-6 of the first ones.
+    Forms chosen by default: tests/unit/test_defaults.py.
     """
     tables = DECKS[name]
     states = solved(tables, error=True).states
@@ -145,14 +145,14 @@ def test_one_load_step_ends_where_eight_do(name: str) -> None:
 
 
 def test_slow_iterations_of_a_hard_load_arrive() -> None:
-    """A sheet sheared by 1.5 takes 17 iterations: without a halving left they are let run."""
+    """A sheet sheared by 1.5 takes 17 iterations: without a halving left they may run on."""
     body, load = box(17, 9, size=[2, 1]), {"max_halvings": 0}
     states = solved(gripped("auto", body, RUBBER, "y0 y1", u_x=1.5, load=load)).states
     assert states.load[-1] == 1.0 and states.iterations.sum() > 10
 
 
 def test_halved_steps_are_reported_and_given_up_early(tmp_path: Path) -> None:
-    """Three load steps of 25 iterations failed before one of an eighth of the load arrived: 103."""
+    """Three load steps of 25 iterations failed before one of an eighth of the load did not: 103."""
     summary = run_deck(scenes.beam(17, 5, load=20.0), tmp_path / "out", threads=1, verbosity=-1)
     assert [step["load"] for step in summary["steps"] if step["load"] > 0] == [1.0]
     assert sum(step["iterations"] for step in summary["steps"]) < 60

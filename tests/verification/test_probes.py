@@ -1,6 +1,6 @@
 """Probes of sets and sections, and their units.
 
-A block is held at one end, and its other end is moved: every section carries the force of the
+A block is fixed at one end, and its other end is moved: every section carries the force of the
 ends, and the moments of both ends about one point balance.
 """
 
@@ -22,7 +22,7 @@ PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
 
 
 def block(method: str, source: list[int], bulk: float) -> dict:
-    """Block with probes of its ends and of sections from one to the other."""
+    """Block with probes of its ends and of sections between them."""
     cut = {"quantity": "section_force", "normal": [0, 0, 2]}
     rubber = {"name": "rubber", "model": "polynomial", "A10": 10, "K": bulk}
     return gripped(
@@ -37,7 +37,7 @@ def block(method: str, source: list[int], bulk: float) -> dict:
 
 @pytest.mark.parametrize(("method", "bulk", "tolerance"), [
     ("rkpm-gauss", 50.0, 1e-5), ("rkpm-gauss", float("inf"), 1e-5), ("rkpm-scni", 50.0, 1e-5),
-    # least squares balance forces as well as they can: 4 % on this cloud
+    # least squares balance forces only approximately: 4 % on this cloud
     ("rkcm-mixed", 50.0, 0.06),
 ])  # fmt: skip
 def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, tolerance):
@@ -50,7 +50,7 @@ def test_sections_carry_the_force_of_the_ends_and_torques_balance(method, bulk, 
     for axis in "xyz":
         ends = [found[f"torque{axis}{end}"][0] for end in (0, 1)]
         assert ends[1] == pytest.approx(-ends[0], abs=2 * near)
-    # about its own middle an end carries the moment that bends the block: less than that of the
+    # about its own centre an end carries the moment that bends the block: less than that of the
     # force about the far end, and of its sign
     assert found["own"][0] * force[0] < 0
     assert 0.3 < -found["own"][0] / (2 * force[0]) < 1.1
@@ -62,7 +62,7 @@ BLOCK = block("rkpm-gauss", [3, 3, 3], 50.0)
 
 
 def test_a_cloud_without_room_for_a_section_tells_the_force_as_well():
-    """Two cells along the block: every source point is seen by an end."""
+    """Two cells along the block: every source point is in the support of an end."""
     found = solved(BLOCK).ends()
     for z in PLACES:
         assert_allclose(found[f"section{z}"], found["force1"], rtol=1e-4)
@@ -101,7 +101,7 @@ UNITS = {"force": "N", "length": "cm"}
 
 
 def body(dimension, quantities, force=1.0, length=1.0) -> dict:
-    """A muscle that is pulled askew, with all probes, its numbers times powers of two units."""
+    """A muscle in oblique tension, with all probes, its numbers times powers of two units."""
     stress = force / length**2
     probes = []
     for quantity in sorted(quantities):
@@ -127,7 +127,7 @@ def body(dimension, quantities, force=1.0, length=1.0) -> dict:
 
 
 def bar(dimension: int, force: float = 1.0, length: float = 1.0) -> dict:
-    """An elastic body that is pulled, linear; on a line its forces are stresses."""
+    """An elastic body in tension, linear; on a line its forces are stresses."""
     ratio = {"nu": 0.3} if dimension > 1 else {}
     middle = " ".join([str(0.5 * length)] * dimension)
     return scene(
@@ -144,7 +144,7 @@ def numbers(tables: dict) -> tuple[dict[str, np.ndarray], dict[str, str]]:
 
 
 def factor(unit: str) -> float:
-    """What a number is multiplied by when N and cm become mN and mm."""
+    """Factor of a number when N and cm become mN and mm."""
     value, sizes = 1.0, {"N": FORCE, "cm": LENGTH, "degree": 1.0}
     for words, sign in zip(unit.split("/"), (1, -1), strict=False):
         for name, power in re.findall(r"(\w+)\^?(\d*)", words):
@@ -166,7 +166,7 @@ def test_units_tell_how_numbers_change(make, dimension: int, quantities) -> None
 
 
 def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
-    """Of a plane body the force was N on the terminal and N/cm in the report."""
+    """For a plane body the force was N on the terminal and N/cm in the report."""
     tables = body(2, {"force_x", "energy", "J", "u", "cauchy_xx"})
     tables["material"] = [neo(10, 50)]
     summary = run_deck(tables, tmp_path, threads=1)
@@ -180,7 +180,7 @@ def test_log_summary_and_tables_show_one_unit(tmp_path: Path) -> None:
 
 
 def test_rounding_below_a_bar_is_printed_as_zero(tmp_path: Path) -> None:
-    """By symmetry the middle of a pulled plate does not move sideways."""
+    """By symmetry the middle of a stretched plate does not move sideways."""
     tables = body(2, set())
     tables["material"] = [neo(10, 50)]
     tables["boundary"] = [held("x0", 2), held("x1", 2, u_x=0.1)]

@@ -1,4 +1,4 @@
-"""Reduced models that outlive their training: exact parts exact, errors known, files safe."""
+"""Saved reduced models: exact parts exact, errors known, files safe."""
 
 import json
 import shutil
@@ -46,7 +46,7 @@ def rom(trained: Path) -> ReducedModel:
 
 
 def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndarray]:
-    """A reduced model of all cells in the span of the scene's states, and their modes."""
+    """A reduced model with all cells in the span of the scene's states, and their modes."""
     x = np.asfortranarray(scene.solve(error=False).x.T)
     mass = modal_products(scene, x)[1]
     values, vectors = np.linalg.eigh(x.T @ mass)
@@ -60,7 +60,7 @@ def projected(scene: Scene, modes: int) -> tuple[Model, projection.Laws, np.ndar
     return projection.with_volume(model, parts, directions), laws, basis
 
 
-#: Two muscles, each with an activation, a strength and fibers of its own
+#: Two muscles, each with separate activation, strength and fibers
 OTHER = BLOCK["material"][0] | {"name": "other", "activation": 0.2, "where": "x > 0.4",
                                 "sigma_max": 20, "fiber_angle": -10}  # fmt: skip
 TWO = {**BLOCK, "material": [*BLOCK["material"], OTHER]}
@@ -74,7 +74,7 @@ TWO = {**BLOCK, "material": [*BLOCK["material"], OTHER]}
     (BLOCK, ["scene.method=rkpm-gauss", "material.muscle.lambda_o=0.9", "load.activation=0"]),
 ])  # fmt: skip
 def test_all_cells_are_the_full_model(tables: dict[str, Any], change: list[str]) -> None:
-    """Residual, reaction and tangent of all cells are those of the full model, projected."""
+    """Residual, reaction and tangent with all cells are those of the full model, projected."""
     with Scene.from_tables(tables, overrides=change) as scene:
         model, laws, basis = projected(scene, 3)
         assert len(np.unique(laws.activation)) == len(tables["material"])
@@ -101,7 +101,7 @@ def test_all_cells_are_the_full_model(tables: dict[str, Any], change: list[str])
 
 @pytest.mark.slow
 def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
-    """Rotation and translation of one end, each a parameter: as the full model at unseen states."""
+    """Rotation and translation of one end, each a parameter: compared with the full model."""
     turned = {"rotation": 5, "axis": [1, 0, 0], "about": [0.5, 0.5, 2]}
     ends = [BLOCK["boundary"][0], BLOCK["boundary"][1] | turned]
     path = deck_file(tmp_path / "turning.toml", {**BLOCK, "boundary": ends})
@@ -111,7 +111,7 @@ def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
     rom = ReducedModel.train(path, ranges, full_solves=20, tests=6, threads=1)
     c = rom.certificate
     assert c["failed"] == 0 and c["u"]["max"] < 5e-3 and c["force"]["max"] < 1e-3
-    # the modes know nothing of how far it turns: an angle of its own, beyond the range
+    # the modes do not depend on the rotation: an angle for it alone, beyond the range
     assert rom.conditions(np.array([[0.1, 90.0, 0.2]])).given[0, 1:4] == pytest.approx([1, 1, 0.2])
     error, force, _ = true_error(rom, [0.4, 31.0, 0.1])
     assert error < 2e-2 and force < 1e-2
@@ -119,13 +119,13 @@ def test_a_set_that_turns_and_moves(deck: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_unseen_states(rom: ReducedModel) -> None:
-    """Errors that the certificate tells are those of states solved here."""
+    """Errors reported by the certificate are those of states solved here."""
     words = ["load.activation=0.37", "boundary.z1.u_z=0.13", "load.steps=1"]
     with rom.full_model().open(words) as scene:
         reaction, pull, middle, stress = solved(scene).ends().values()
     state = rom.solve(activation=0.37, u_z=0.13)
     assert state.converged and state.inside
-    # twelve full solves: what the certificate says, and a factor for a point it did not have
+    # twelve full solves: the certified error, with a factor for points that it did not include
     worst = rom.certificate["force"]["max"], rom.certificate["u"]["max"]
     assert worst[0] < 5e-3 and worst[1] < 3e-2
     assert state.force == pytest.approx(reaction[0], rel=3 * worst[0] + 1e-4)
@@ -133,7 +133,7 @@ def test_unseen_states(rom: ReducedModel) -> None:
     assert state.probes["pull"] == pytest.approx(pull.tolist(), abs=5e-3 * abs(reaction[0]))
     size = np.linalg.norm(middle)
     assert state.probes["middle"] == pytest.approx(middle.tolist(), abs=3 * worst[1] * size)
-    # a stress has the error of the strain, some times that of the displacement
+    # a stress has the error of the strain, a few times that of the displacement
     assert state.probes["stress"] == pytest.approx(stress[0], rel=10 * worst[1])
     assert rom.head["probes_left_out"] == []
     units = {"reaction": "N", "pull": "N", "middle": "cm", "stress": "N/cm^2"}
@@ -176,12 +176,12 @@ def test_parameters_of_the_material(deck: Path) -> None:
     rom = ReducedModel.train(deck, ranges, full_solves=24, tests=4, threads=1)
     c = rom.certificate
     assert c["failed"] == 0 and rom.head["started_solves"] > 0
-    # a wrong derivative by any of them would be an error of ten per cent
+    # a wrong derivative by any of them would give an error of ten per cent
     assert c["force"]["max"] < 2e-3 and c["u"]["max"] < 2e-2
     assert rom.parameters[1].key == "material.muscle.A10"
     found = [rom.solve(**{name: 7.0}, K=2e3, fiber_angle=9) for name in ("material.1.A10", "A10")]
     assert found[0].force == found[1].force
-    # stresses where a modulus varies
+    # stresses with a varying modulus
     assert rom.head["probes_left_out"] == ["stress"]
     forces = rom.batch([[5000, 6.43, 20], [2000, 6.43, 20], [5000, 9, 20], [5000, 6.43, 0]]).force
     assert np.unique(np.round(forces, 2)).size == 4
@@ -197,7 +197,7 @@ def test_training_ends_at_the_tolerance(deck: Path) -> None:
 
 
 def true_error(rom: ReducedModel, values: list[float]) -> tuple[float, float, float]:
-    """Errors of displacement and force at values, and the estimate; the state is found."""
+    """Errors of displacement and force at values, and the estimate; the state must be found."""
     state = rom.batch([values], indicator=True)
     assert state.converged[0]
     full = rom.full_model()
@@ -212,11 +212,11 @@ def true_error(rom: ReducedModel, values: list[float]) -> tuple[float, float, fl
 
 @pytest.mark.slow
 def test_no_more_modes_than_states(deck: Path) -> None:
-    """A tolerance that nothing meets takes the rank of the states, with kinked curves."""
+    """A tolerance that is never met takes the rank of the states, with kinked curves."""
     few = {"full_solves": 4, "tests": 2, "tolerance": 1e-9, "threads": 1}
     few["overrides"] = ["material.muscle.curve=published", "boundary.z1.u_z=0"]
     rom = ReducedModel.train(deck, {"load.activation": (0.0, 0.6)}, **few)
-    # eight steps and two states inside; three sides of the standing end and one of the other,
+    # eight steps and two states inside; three components of the fixed end and one of the other,
     # which does not move either, at two states
     assert 8 < rom.modes <= 8 + 2 + 2 * 4
     assert rom.certificate["failed"] == 0
@@ -225,13 +225,13 @@ def test_no_more_modes_than_states(deck: Path) -> None:
 
 @pytest.mark.slow
 def test_states_far_from_those_of_the_training_are_followed(deck: Path) -> None:
-    """Sixteen states of the training: the regression is poor, all states are found."""
+    """Sixteen training states: the regression is poor, but all states are found."""
     ranges = {**RANGES, "material.muscle.sigma_max": (20.0, 40.0)}
     rom = ReducedModel.train(deck, ranges, full_solves=16, tests=8, threads=1)
     assert rom.certificate["failed"] == 0
     ratio = rom.certificate["indicator_ratio"]
     assert ratio["min"] > 0.3 and ratio["max"] < 4.0
-    # its own range: what was never trained is known by the material's law
+    # its own range: untrained values are known from the material law
     error, force, _ = true_error(rom, [0.5, 0.1, 70.0])
     assert error < 2e-3 and force < 1e-4
     # a stress of 1.75 times the largest one of the training, for which modes were chosen: 5e-3 and
@@ -243,7 +243,7 @@ def test_states_far_from_those_of_the_training_are_followed(deck: Path) -> None:
 
 
 def test_answers_of_a_model(rom: ReducedModel) -> None:
-    """The certificate, both ends, batches and single states agree; outside is said."""
+    """The certificate, both ends, batches and single states agree; states outside are reported."""
     c = rom.certificate
     assert c["failed"] == 0
     # an error of the amplitudes enters the force squared; the indicator is that of the state
@@ -251,10 +251,10 @@ def test_answers_of_a_model(rom: ReducedModel) -> None:
     assert c["indicator_ratio"]["min"] > 0.3 and c["indicator_ratio"]["max"] < 3.0
     values = np.array([[0.3, 0.1], [0.8, -0.15], [0.5, 0.2], [0.0, 0.0]])
     many = rom.batch(values, indicator=True)
-    # both ends together are free of force to the error of either
+    # the forces of both ends balance to the error of either
     near = 3 * c["force"]["max"] + 1e-4
     assert many.probes["pull"][:3, 2] == pytest.approx(-many.probes["reaction"][:3], rel=near)
-    # at rest nothing pulls
+    # at rest there is no force
     assert abs(many.force[3]) < 1e-6 * abs(many.force[1])
     for i, (activation, u_z) in enumerate(values[:3]):
         one = rom.solve(activation=activation, u_z=u_z)
@@ -263,7 +263,7 @@ def test_answers_of_a_model(rom: ReducedModel) -> None:
         assert one.indicator == pytest.approx(many.indicator[i], rel=1e-6)
         assert one.u().shape == (96, 3)
     assert not rom.solve(activation=0.5, u_z=0.35).inside
-    # beyond what any state reaches: no number without a word
+    # beyond what any state reaches: not a number instead of a wrong value
     far = rom.solve(activation=1.0, u_z=-1.9)
     assert not far.inside and not far.converged
     assert np.isnan(far.force) and np.isnan(far.indicator)
@@ -285,7 +285,7 @@ def test_the_regression_alone_is_rough_and_one_correction_is_better(rom: Reduced
     rough, once = (rom.batch(values, corrections=n) for n in (0, 1))
     off = [np.linalg.norm(batch.amplitudes - exact.amplitudes) for batch in (rough, once)]
     assert off[1] < 0.5 * off[0]
-    # forces come with every number of corrections, and none says that it solves the equations
+    # forces come with any number of corrections, but are not reported as solutions
     assert np.abs(once.force - exact.force).max() < 0.02 * np.abs(exact.force).max()
     assert np.isfinite(rough.force).all() and not rough.converged.any()
     assert not once.converged.any() and exact.converged.all()
@@ -321,7 +321,7 @@ def test_what_cannot_be_trained(deck, ranges, change, message) -> None:
 
 
 def programme(path: Path, end: float) -> Path:
-    """The block's deck with a programme: the muscle, then its end, whose amplitude ends so."""
+    """The block's deck with a programme: the muscle, then its end, with a given final amplitude."""
     low, high = BLOCK["boundary"]
     muscle = {"name": "muscle", "time": [0, 0.5], "value": [0, 1]}
     plate = {"name": "plate", "time": [0, 0.5, 1], "value": [0, 0, end], "curve": "smooth"}
@@ -334,7 +334,7 @@ def programme(path: Path, end: float) -> Path:
 
 
 def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path: Path) -> None:
-    """The state at the end is that of the values, which the amplitude multiplies."""
+    """The state at the end is that of the values times the amplitude."""
     deck = programme(tmp_path / "programme.toml", 0.5)
     ranges = {**RANGES, "boundary.z1.u_z": (-0.4, 0.6)}
     found = ReducedModel.train(deck, ranges, full_solves=12, tests=4, threads=1)
@@ -350,11 +350,11 @@ def test_a_programme_is_trained_by_what_its_end_has(rom: ReducedModel, tmp_path:
 
 @pytest.mark.slow
 def test_what_is_not_varied_has_the_end_of_its_amplitude(tmp_path: Path) -> None:
-    """Of an activation that falls to half, and of sides that the amplitude of the plate holds."""
+    """For an activation that decreases to half, and sides fixed by the amplitude of the plate."""
     deck = programme(tmp_path / "half.toml", 0.5)
     ranges, half = {"boundary.z1.u_z": (-0.4, 0.6)}, ["amplitude.muscle.value=[0, 0.5]"]
     rom = ReducedModel.train(deck, ranges, full_solves=8, tests=4, threads=1, overrides=half)
-    # the step by which the sides follow the force is half as long, and so is what it moves
+    # the step by which the sides follow the force is half as long, and so is its effect
     assert max(rom.certificate["u"]["max"], rom.certificate["force"]["max"]) < 1e-3
     ends = solved(deck, "load.activation=0.3", "amplitude.plate.value=[0, 0, 0.5]").last()
     assert rom.solve(u_z=0.15).force == pytest.approx(ends["reaction"], rel=1e-3)
@@ -367,7 +367,7 @@ def test_what_has_no_effect_at_the_end_is_not_varied(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_where_the_full_model_is_unstable_nothing_is_certified(deck: Path, tmp_path: Path) -> None:
-    """The straight block leaves its axis where A10 is small: marked, and not trained on."""
+    """The straight block leaves its axis where A10 is small: marked, and not used for training."""
     ranges = {"material.muscle.A10": (4.0, 9.0), "load.activation": (0.0, 1.0)}
     change = ["scene.method=rkpm-gauss", "approximation.order=1", "boundary.z1.u_z=0"]
     rom = ReducedModel.train(deck, ranges, full_solves=24, tests=8, threads=1, overrides=change)
@@ -377,10 +377,10 @@ def test_where_the_full_model_is_unstable_nothing_is_certified(deck: Path, tmp_p
     assert "full solves nearby are unstable or did not converge" in soft.describe()
     assert stiff.full != "lost"
     found = compare(rom, rom.full_model(), 16, 5, silent)
-    # what it certifies is within the tolerance at states that neither training nor test has seen
+    # certified states are within the tolerance at states outside training and test
     assert found["certified"]["points"] > 0 and found["lost"] > 0
     assert max(found["certified"]["u"], found["certified"]["force"]) <= 1e-3
-    # beside the border some are not seen by the nearest solves
+    # near the border some are not detected by the nearest solves
     assert found["lost_unmarked"] <= 0.25 * found["lost"]
     summary = map_model(rom, ["A10=4:9:6", "activation=0:1:5"], {}, tmp_path)
     assert 0 < summary["full"]["lost"] < 30 and summary["certified"] > 0
@@ -394,7 +394,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
     with h5py.File(damaged, "r+") as file:
         file.attrs["format"] = np.bytes_("myork-rom 2")
     refuses("'myork-rom 2', not 'myork-rom 7'; train it again", ReducedModel.load, damaged)
-    # numbers, shapes and types are under the checksum
+    # numbers, shapes and types are covered by the checksum
     for change in (np.negative, lambda a: a.reshape(a.shape[::-1]), lambda a: a.view(np.int64)):
         shutil.copy(trained, damaged)
         with h5py.File(damaged, "r+") as file:
@@ -405,7 +405,7 @@ def test_damaged_files(trained: Path, tmp_path: Path) -> None:
 
 
 def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
-    """A sweep takes the numbers of the model of its deck, and drops no setting."""
+    """A sweep uses the numbers of the model of its deck, and drops no setting."""
     vary, given = ["load.activation=0.2,0.9"], ["boundary.z1.u_z=0.15"]
     _, row = rows_of(sweep(deck, vary, tmp_path / "one", model=trained, overrides=given))
     expected = ReducedModel.load(trained, threads=1).solve(activation=0.9, u_z=0.15)
@@ -440,7 +440,7 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert f"reaction {found['force']:.6g} N\n" in capsys.readouterr().out
     none = ["--set", "activation=1", "--set", "u_z=-1.9", "--json"]
     assert main(["rom", "solve", str(trained), *none]) == 1
-    # a number that is not one is not JSON
+    # not-a-number is not JSON
     assert json.loads(capsys.readouterr().out, parse_constant=pytest.fail)["force"] is None
     grid = ["--vary", "activation=0:1:5", "--vary", "u_z=-0.2:0.3:4", "--out", str(tmp_path)]
     assert main(["rom", "map", str(trained), *grid, "-q"]) == 0

@@ -1,4 +1,4 @@
-"""Source points added until the error bars are as small as wanted."""
+"""Source points added until the error bars are as small as requested."""
 
 import json
 import re
@@ -34,7 +34,7 @@ def test_the_wanted_error_of_a_tip_is_met(error) -> None:
     assert tip == pytest.approx(BEAM_TIP, rel=error)
     assert states.probe_errors[-1, 0, 0] <= error * abs(tip)
     assert states.reasons[-1] == f"the target error of {100 * error:g} % is met"
-    # uniform cells that do are 16 and 32 along it
+    # uniform cells that reach this are 16 and 32 along it
     assert points < (17 * 5 if error == 0.01 else 33 * 9) * 1.45
 
 
@@ -48,7 +48,7 @@ def test_all_probes_are_wanted_by_default_and_cost_ends_the_search() -> None:
 
 
 def test_small_stresses_of_a_beam_are_known_to_a_part_of_themselves() -> None:
-    """Three tenths of the mean stress, due to bending, left .0158 of .0009 open, with a bar of
+    """Three tenths of the mean stress, due to bending, were .0158 of .0009 off, with a bar of
     .0067. Truth: finite elements of order two, whose last three meshes agree to 2e-4.
     """
     yeoh = {"name": "m", "model": "yeoh", "C1": 5.0, "C2": 0.5, "C3": 0.02, "K": 300.0}
@@ -73,15 +73,15 @@ def wall(*boundary: dict[str, Any]) -> scenes.Answer:
 
 
 def test_bars_of_a_wall_are_the_same_between_its_points() -> None:
-    """Its points lie on an arc. Between them bars were .4 of those at the points."""
+    """Its points lie on an arc. Between them, bars were .4 of those at the points."""
     found = wall(*scenes.PLANES[:2], {"set": "inner", "radial": 0.2})
     bars = [found.bar(name) for name in found.last()]
     assert max(bars) < 1.3 * min(bars)
 
 
 def test_traction_on_a_free_wall_is_within_bars() -> None:
-    """Where a wall is compressed and nothing acts, its largest principal stress is zero. It was 1.1
-    to 2.6 bars off: with as few points around, half as many err by as much.
+    """On a compressed wall without load, the largest principal stress is zero. It was 1.1
+    to 2.6 bars off: with as few points around, half as many have the same error.
     """
     found = wall(held("y0", 2), held("x0", 2, u_x=0.05, u_y=-0.1))
     for name, value in found.last().items():
@@ -90,9 +90,9 @@ def test_traction_on_a_free_wall_is_within_bars() -> None:
 
 @pytest.mark.slow
 def test_part_of_a_side_is_held_to_its_border() -> None:
-    """A pad pressed into a sheet: finite elements have a force of 9.197, 9.101 and 9.040 on finer
-    and finer meshes that end at its border. Held at source points it was 3 to 9 % low. On points
-    in whose lattice the border lies it is 3 % high, and half as many points say so by half of that.
+    """A pad pressed into a sheet: finite elements that end at its border give 9.197, 9.101 and
+    9.040 on finer and finer meshes. Prescribed at source points the force was 3 to 9 % low. On
+    points whose lattice contains the border it is 3 % high; half as many points show half of that.
     """
     deck = scene(
         "auto", box(size=[2, 1]), material=[neo(10, 1000)],
@@ -117,7 +117,7 @@ def test_a_search_that_its_cost_ends_writes_how_far_it_came(tmp_path: Path) -> N
 
 
 def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> None:
-    """Also where the points before widened them: its second solution is that of the search."""
+    """Also if the earlier points widened them: its second solution is that of the search."""
     found = run_deck(beam(9, 3, places=(9, 3), refine={"accuracy": 0.003}), tmp_path)["refine"]
     assert len(found["levels"]) > 1
     known = re.search(r"within (\S+) %", found["levels"][-1])
@@ -125,7 +125,7 @@ def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> No
 
 
 def conducting(points: int, linear: dict[str, Any], *ends: Any, at: str) -> dict[str, Any]:
-    """A square that conducts, at 0 on its left side, with the probe of a value."""
+    """A heat-conducting square, at 0 on its left side, with the probe of a value."""
     return scene(
         "auto", box(*[points] * 2 if points else (), size=[1, 1]), probe=probes(f"value u {at}"),
         linear={"problem": "poisson", **linear}, boundary=[{"set": "x0", "u": 0}, *ends],
@@ -141,7 +141,7 @@ def test_layers_that_conduct_differently_have_kinks(wall) -> None:
 
 
 def test_a_skin_thinner_than_half_a_cell_has_no_kink_and_is_doubted() -> None:
-    """-(k u')' = 1, k = 100 in the skin. With a kink the middle was 3.4 bars off, accepted."""
+    """-(k u')' = 1, k = 100 in the skin. With a kink the middle was 3.4 bars off, but accepted."""
     skin = 0.001
     law = {"conductivity": f"x < {skin} ? 100 : 1", "source": "1"}
     found = solved(conducting(9, law, {"set": "x1", "u": 1}, at="0.5 0.3"), error=True)
@@ -161,7 +161,7 @@ def long_beam(**geometry: Any) -> dict[str, Any]:
 
 
 def test_no_load_step_is_tried_twice(tmp_path: Path) -> None:
-    """The last one before full load is cut in half whatever its part was."""
+    """The last step before full load is halved whatever its size was."""
     run_deck(long_beam(source=[21, 5]), tmp_path)
     begun = [
         (line["load"], round(float(line["residual"]), 6))
@@ -194,7 +194,7 @@ def test_points_of_a_linear_problem_are_searched() -> None:
 
 
 def without_points(accuracy: float | None = None) -> dict[str, Any]:
-    """The beam, of which nobody says how many points it has."""
+    """The beam without a given number of points."""
     deck = beam(9, 3, geometry=box(size=[4, 1]))
     return deck if accuracy is None else deck | {"accuracy": accuracy}
 
@@ -243,12 +243,12 @@ def test_a_graded_lattice_is_nearer_to_the_truth() -> None:
     deck = beam(17, 5, places=(33, 9))
     even = solved(deck).last()["tip"]
     deck["geometry"]["graded"] = ["x0", "y0", "y1"]
-    # with a spacing of a half at the corners their error is a quarter at least
+    # with a spacing of a half at the corners, their error is at least a quarter
     assert abs(solved(deck).last()["tip"] - BEAM_TIP) < 0.25 * abs(even - BEAM_TIP)
 
 
 def test_a_penalty_is_as_stiff_as_the_points_at_its_side_are_close() -> None:
-    """Moved as a whole, a body feels the penalty only: moduli over the spacing at the wall."""
+    """Moved as a whole, a body feels only the penalty: moduli over the spacing at the wall."""
     found = []
     for graded in ([], ["x0"], ["x1"]):
         deck = beam(9, 5, places=(9, 5))
@@ -268,14 +268,14 @@ def test_an_accuracy_above_all_tables_is_met_and_the_scene_has_the_points() -> N
         found = solved(opened, error=True)
     assert found.states.reasons[-1] == "the target error of 0.2 % is met"
     assert found.last()["tip"] == pytest.approx(BEAM_TIP, rel=0.002)
-    # given the points, the same deck has the same state
+    # with these points given, the same deck has the same state
     with Scene.from_tables(without_points(), overrides=opened.points_found) as other:
         assert "refine" not in other.deck
         np.testing.assert_array_equal(solved(other).states.x[-1], found.states.x[-1])
 
 
 def test_points_of_a_programme_are_searched_by_all_its_states() -> None:
-    """The load is taken off again: at the end there is nothing to be known."""
+    """The load is removed again: at the end there is nothing to resolve."""
     deck = without_points(accuracy=0.01) | {
         "amplitude": [{"name": "on_off", "time": [0, 0.5, 1], "value": [0, 1, 0]}],
         "load": {"steps": 4},
@@ -335,7 +335,7 @@ def test_models_are_refined_up_to_their_voxels() -> None:
 
 
 def test_what_voxels_leave_open_is_not_promised() -> None:
-    """Four voxels across, whose faces a force knows to 0.08 of a voxel on each side."""
+    """Four voxels across: a force depends on its faces, known to 0.08 of a voxel on each side."""
     with bar(accuracy=0.05) as opened:
         found = solved(opened, error=True)
     assert found.bar("force") > 0.08 * abs(found.last()["force"])
@@ -350,7 +350,7 @@ def test_without_a_probe_nothing_can_be_refined() -> None:
 
 
 def test_a_search_reports_and_can_be_stopped(caplog: pytest.LogCaptureFixture) -> None:
-    """Lines of a scene that is opened in memory go to `progress`, else to a logger."""
+    """Lines of a scene that is opened in memory go to `progress`, otherwise to a logger."""
     lines: list[str] = []
     Scene.from_tables(without_points(0.02), progress=lines.append).close()
     assert lines and all(re.match(r"refine \d+: \[.*CPU s$", line) for line in lines)

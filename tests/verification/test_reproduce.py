@@ -32,7 +32,7 @@ def numbers(last: dict[int, int]) -> list[str]:
 
 
 def test_every_table_and_figure_is_listed_once() -> None:
-    """Each table has numbers; each figure has numbers, or a place where its content is seen."""
+    """Each table has numbers; each figure has numbers, or a reference to its content."""
     assert sorted(name for name in TABLES if "-" not in name) == sorted(numbers(LAST_TABLES))
     figures = [name.removeprefix("figure-") for name in TABLES if "-" in name]
     for part in ", ".join(WITHOUT_NUMBERS).split(", "):
@@ -45,7 +45,7 @@ def test_every_table_and_figure_is_listed_once() -> None:
 
 
 def test_rows_read_what_there_is() -> None:
-    """Decks are installed, kinds of runs known, and each run is read by a row."""
+    """Decks are installed, kinds of runs known, and each run is used by a row."""
     for table in TABLES.values():
         assert table.rows, table.name
         assert {n for row in table.rows for n in row.quantity[::2]} == set(table.runs), table.name
@@ -74,7 +74,7 @@ def test_volumes_are_those_of_table_4_3(muscle, published):
 
 @pytest.mark.nightly
 def test_old_muscle_loses_more_force_than_volume_where_fat_does_not_contract() -> None:
-    """By its interface; with the fibers of the nearest muscle as much as volume."""
+    """Due to its interface; with the fibers of the nearest muscle it loses as much as volume."""
     for fibers in ("own", "nearest"):
         words = (f"approximation.interface_fibers={fibers}",)
         young, old = (RUNS["aged"](Run("aged", "AGED", words, name), silent)
@@ -153,7 +153,7 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
 
 @pytest.mark.slow
 def test_fibers_part_a_surface_from_what_looks_alike(tmp_path: Path) -> None:
-    """With tracts the published mean of 0.8744 is passed; without them the border is anywhere."""
+    """With tracts the published mean of 0.8744 is exceeded; without, the border is arbitrary."""
     pyvista.Box((-12, 12, -20, 20, 0, 60)).triangulate().save(tmp_path / "MG.stl")
     starts = np.random.default_rng(1).uniform([-30, -20, -10], [12, 20, 40], (150, 3))
     way = np.array([np.sin(0.35), 0.0, np.cos(0.35)])
@@ -167,7 +167,7 @@ def test_fibers_part_a_surface_from_what_looks_alike(tmp_path: Path) -> None:
 
 
 def test_the_page_has_all_numbers_and_reasons() -> None:
-    """Each row with its published number; what is far off has a reason below its table."""
+    """Each row with its published number; strong deviations have a reason below their table."""
     parts = (ROOT / "docs/reproduced.md").read_text("utf-8").split("\n## ")[1:]
     pages = {part.split(":")[0].lower(): part for part in parts}
     for table in TABLES.values():
@@ -185,7 +185,7 @@ def test_the_page_has_all_numbers_and_reasons() -> None:
                 assert float(cells[head.split(" | ").index(column)]) >= 0, (name, row.name)
                 continue
             if row.published is None:
-                # what stands beside the published rows, to compare with; a Dice may be zero
+                # shown beside the published rows for comparison; a Dice may be zero
                 assert cells[0] == cells[2] == "-" and float(cells[1]) >= 0, (name, row.name)
                 continue
             assert float(cells[0]) == pytest.approx(row.published, rel=1e-3), (name, row.name)
@@ -197,7 +197,7 @@ def test_the_page_has_all_numbers_and_reasons() -> None:
 
 
 def test_e2_is_the_norm_of_all_components() -> None:
-    """Not of their sums, as (6.72) is printed: components that cancel are an error all the same."""
+    """Not of their sums, as (6.72) is printed: cancelling components are still an error."""
     full, reduced = (
         SimpleNamespace(f=np.tile(np.diag(stretches), (4, 1, 1)))
         for stretches in ((1.3, 1.4, 1.0), (1.33, 1.36, 1.0))
@@ -206,7 +206,7 @@ def test_e2_is_the_norm_of_all_components() -> None:
 
 
 def test_a_run_that_ends_leaves_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its rows have no number and say why; the command ends with status 1."""
+    """Its rows have no number but a reason; the command ends with status 1."""
 
     def ends(run: Run, progress: ProgressCallback) -> dict[str, float]:
         raise ConvergenceError("load 0.5: no state")

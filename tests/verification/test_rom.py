@@ -1,4 +1,4 @@
-"""Reduced models: modes, projection, and what they lose against the full model."""
+"""Reduced models: modes, projection, and their errors relative to the full model."""
 
 import json
 from pathlib import Path
@@ -44,7 +44,7 @@ def full(request, inputs: Path):
 
 
 def in_forms(*names):
-    """Whose scene a test takes, where it is not that of collocation alone."""
+    """Forms of the scene that a test uses, if not collocation alone."""
     return pytest.mark.parametrize("full", names, indirect=True)
 
 
@@ -73,15 +73,15 @@ def test_modes_are_orthonormal_and_span_the_snapshots(full):
 
 @in_forms("collocation", *WEAK)
 def test_as_many_modes_as_snapshots_give_the_full_solution(full):
-    # Iterations of least squares end within their tolerance, 1e-9, times the condition of the rows,
-    # others at 1e-6 after a quadratic fall.
+    # Least squares iterations end within their tolerance, 1e-9, times the condition of the rows,
+    # others at 1e-6 with quadratic convergence.
     scene, states, modes, _ = full
     squares = scene.deck["scene"]["method"] == "rkcm"
     errors = reduced_errors(scene, states, modes, "dgels" if squares else "")
     assert np.max(errors) < (1e-6 if squares else 1e-7)
     if not squares:
         # the tangent is the full one, and no error leaves the span of the modes; the full one ends
-        # with corrections by its factor
+        # with corrections by its factorisation
         assert (scene.states.iterations <= states.iterations + 1).all()
 
 
@@ -106,7 +106,7 @@ def test_projected_rows_are_the_product_of_rows_and_modes(full):
 
 @in_forms(*WEAK)
 def test_fewer_modes_come_near_to_the_best_that_they_can(full):
-    """Equilibrium among the modes against the projection of the solution on them."""
+    """Equilibrium among the modes compared with the projection of the solution on them."""
     scene, states, modes, _ = full
     exact = fields_of(scene, states.x, states.load)
     for r in (1, 2, 3):
@@ -117,7 +117,7 @@ def test_fewer_modes_come_near_to_the_best_that_they_can(full):
 
 
 def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
-    """One step would give one snapshot."""
+    """One step would give only one snapshot."""
     tables = {key: value for key, value in RUBBER.items() if key != "load"}
     tables["probe"] = probes("pull force z1")
     lines: list[str] = []
@@ -127,7 +127,7 @@ def test_a_deck_without_a_method_or_steps_is_reduced(tmp_path):
     assert [model["r"] for model in study["models"]] == [1, 2, 5]
     assert {model["kind"] for model in study["models"]} == {"galerkin"}
     errors = [model["force_error"] for model in study["models"]]
-    # one step and ten end at one answer
+    # one step and ten end at the same answer
     pull = solved(tables).ends()["pull"]
     assert errors[0] > 10 * errors[2]
     last = study["full"]["probes"]["pull"][-1]
@@ -140,7 +140,7 @@ RIGID = {**RUBBER, "material": [{**RUBBER["material"][0], "K": float("inf")}]}
 
 
 @pytest.mark.parametrize(("deck", "projection", "why"), [
-    # modes of displacement and pressure side by side need not be stable
+    # modes of displacement and pressure together need not be stable
     (RIGID, "auto", "K = inf.*finite K"),
     (STRONG, "galerkin", "projection: .*least-squares"),
     (RUBBER, "least-squares", 'projection: .*by "galerkin"'),
@@ -161,13 +161,13 @@ def test_one_solve_leaves_nothing_to_save(tmp_path):
 
 
 def test_the_method_of_snapshots_has_the_modes_of_the_singular_values(full) -> None:
-    """But for signs, and for what rounding of squares leaves of small values."""
+    """Up to signs, and up to rounding of squared small values."""
     _, states, modes, values = full
     other, squares = proper_orthogonal_modes(states.x, states.x.T)
     assert_allclose(squares[:3], values[:3], rtol=1e-9, atol=1e-13 * values[0])
     for k in range(3):
         assert abs(modes[:, k] @ other[:, k]) == pytest.approx(1.0, abs=1e-6), k
-    # what is rounding is not counted
+    # rounding errors are not counted
     assert len(squares) <= len(values) and squares[-1] > 0
 
 
@@ -195,7 +195,7 @@ def test_rows_assembled_in_full_are_those_of_the_span(full) -> None:
      *(("bar_1d", "rkpm-gauss", way) for way in ("auto", "least-squares"))],
 )  # fmt: skip
 def test_motions_in_the_span_of_their_modes(inputs: Path, deck, method, projection):
-    """Tables 6.1 and 6.2: errors fall, and stay near what the modes can do."""
+    """Tables 6.1 and 6.2: errors decrease, and stay close to the best that the modes allow."""
     errors = []
     with Scene(inputs / f"{deck}.toml", [f"scene.method={method}"]) as scene:
         states = scene.solve(error=False)
@@ -216,7 +216,7 @@ def test_motions_in_the_span_of_their_modes(inputs: Path, deck, method, projecti
 
 
 def test_all_modes_give_the_motion_with_loads_in_time() -> None:
-    """In the span of all unknowns nothing is lost, whatever the residual is orthogonal to."""
+    """In the span of all unknowns nothing is lost, for any test space of the residual."""
     tables = tables_of(
         "rkcm", box(11), approximation={"order": 2},
         linear={"problem": "elasticity", "E": 2, "source": "2*sin(2*x) + 8*t^2*sin(2*x)"},
@@ -238,7 +238,7 @@ def test_all_modes_give_the_motion_with_loads_in_time() -> None:
 
 
 def test_an_error_that_is_not_a_number_is_not_zero() -> None:
-    """Where the material is inverted there is no stress to compare."""
+    """Where J <= 0 there is no stress to compare."""
     assert study.largest_error(np.zeros(2), np.ones(2)) == 0.0
     assert np.isnan(study.largest_error(np.array([1.0, np.nan]), np.ones(2)))
 
@@ -257,7 +257,7 @@ def test_impossible_snapshots_are_refused_before_a_solve(change, message, tmp_pa
 
 
 def test_a_path_of_amplitudes_is_reduced(tmp_path) -> None:
-    """Activation first, then the plate: the modes are those of both."""
+    """Activation first, then the plate: the modes represent both."""
     muscle = {"name": "muscle", "time": [0, 0.5], "value": [0, 1]}
     plate = {"name": "plate", "time": [0, 0.5, 1], "value": [0, 0, 1]}
     tables = tables_of(

@@ -1,4 +1,4 @@
-"""Two tissues in one body, parts of voxels, and what jumps between points."""
+"""Two tissues in one body, fractions of voxels, and fields that jump between points."""
 
 from dataclasses import replace
 from typing import Any
@@ -30,7 +30,7 @@ def rubbers(*mu: float, bulk: float) -> list[dict[str, Any]]:
 
 
 def brick(share: NDArray[Any], slices: int) -> PointCloud:
-    """Voxels of edge 0.5 in a block, all slices filled alike, with a set for each face."""
+    """Voxels of edge 0.5 in a block, all slices filled equally, with a set for each face."""
     n = (*share.shape, slices)
     middles = bodies.box(0.5 * (np.array(n) - 1.0), n, n)
     index = np.rint(middles.points / 0.5).astype(np.int32)
@@ -44,7 +44,7 @@ def brick(share: NDArray[Any], slices: int) -> PointCloud:
 @GALERKIN
 @pytest.mark.parametrize("end", [{"u_z": 0.6}, {"traction": [0.0, 0.0, 4.0]}], ids=str)
 def test_uniaxial_tension_is_exact_however_full_the_voxels_are(end, method) -> None:
-    """Linear displacements leave no force on any point; the section is the sum of its shares."""
+    """Linear displacements leave no force on any point; the section is the sum of its fractions."""
     share = np.random.default_rng(3).uniform(0.3, 1.3, (4, 3))
     tables = scene(
         method, {}, material=[RUBBER], boundary=[*scenes.PLANES, {"set": "z1", **end}],
@@ -63,7 +63,7 @@ def test_uniaxial_tension_is_exact_however_full_the_voxels_are(end, method) -> N
 
 @GALERKIN
 def test_tissues_beside_each_other_within_voxels(method) -> None:
-    """Nearly incompressible tissues stretched together carry by their parts of the section."""
+    """Nearly incompressible tissues stretched together carry load by their parts of the section."""
     part = np.repeat([0.0, 0.0, 0.3, 1.0, 1.0], 3).reshape(5, 3)
     fraction = np.repeat(part.ravel(), 6)
     cloud = replace(
@@ -75,7 +75,7 @@ def test_tissues_beside_each_other_within_voxels(method) -> None:
         method, {}, material=rubbers(3.0, 12.0, bulk=1e3), probe=scenes.probes("F force_z z1"),
         boundary=[*scenes.PLANES, {"set": "z1", "u_z": 3e-5}],
     )  # fmt: skip
-    # by labels alone it would be 7.6 % less
+    # with labels alone it would be 7.6 % less
     right = 1e-5 * 3 * 0.25 * (3.0 * (1 - part) + 12.0 * part).sum()
     assert solved(tables, cloud=cloud).last()["F"] == pytest.approx(right, rel=5e-3)
 
@@ -93,7 +93,7 @@ def test_labels_keep_their_volumes_when_voxels_merge() -> None:
         volumes = {label: (data == label).sum() for label in (1, 2, 3)}
         assert cloud.label_volumes() == pytest.approx(volumes, rel=1e-12)
         assert (cloud.fraction is None) == (stride == 1)
-        # no voxel is nearly empty, none stands for two
+        # no voxel is nearly empty, none represents two
         filled = cloud.volume / stride**3
         assert filled.min() >= 1 / 3 and filled.max() < 1.5
 
@@ -123,7 +123,7 @@ def test_muscle_in_points_of_other_tissues_asks_for_no_fiber() -> None:
 
 @pytest.mark.slow
 def test_a_label_without_fractions_has_an_error_bar() -> None:
-    """The second solution keeps the voxels, those of a label without fractions among them."""
+    """The second solution keeps the voxels, including those of a label without fractions."""
     cloud = brick(np.ones((8, 8)), 8)
     low = cloud.voxels.index[:, 2] < 4
     fraction = np.where(low[:, None], [0.25, 0.75], [1.0, 0.0])
@@ -158,7 +158,7 @@ MUSCLE = {**scenes.MUSCLE, "label": 2, "fiber": [0.3, -0.5, 0.8]}
 
 @pytest.fixture
 def open_bar(open_scene):
-    """Open a scene of a bar along x between sides that slip, label 2 beyond the interface."""
+    """Open a scene of a bar along x between sliding sides, label 2 beyond the interface."""
 
     def open_(materials, cells=(8, 2, 2), method="rkcm", width=4):
         n, places = ([k * count + 1 for count in cells] for k in (1, 2))
@@ -175,7 +175,7 @@ def open_bar(open_scene):
 
 
 def test_two_tissues_of_one_law_are_one_tissue(open_bar):
-    """The fractions add up to one, their gradients to zero: both to rounding."""
+    """The fractions add up to one, their gradients to zero, both up to rounding."""
     whole = {key: SOFT[key] for key in SOFT if key != "label"}
     x = 0.02 * np.random.default_rng(5).standard_normal(open_bar([whole]).dofs)
     one, two = (
@@ -193,7 +193,7 @@ def test_rows_of_mixed_tissues_are_the_derivative_of_their_residuals(open_bar):
 
 @pytest.mark.slow
 def test_layers_in_series_carry_the_same_force(open_bar):
-    """Confined sides: P_xx is the same everywhere, to second order in the spacing."""
+    """Confined sides: P_xx is uniform, to second order in the spacing."""
     errors = []
     for cells, width in ((8, 4), (16, 8)):
         opened = open_bar([SOFT, STIFF], cells=(cells, 2, 2), width=width)
@@ -208,7 +208,7 @@ PLATES = (7, 3, 4)
 
 @pytest.fixture
 def open_plates(open_scene):
-    """Open the Galerkin form of two plates by the treatment of fibers and the load."""
+    """Open the Galerkin form of two plates, by the treatment of fibers and the load."""
     data = np.ones(PLATES)
     data[3:] = 2
 
@@ -235,8 +235,8 @@ def plate_share(x):
 @pytest.mark.parametrize("fibers", ["nearest", "own"])
 def test_fibers_of_shares_beside_a_muscle(open_plates, fibers):
     """Undeformed, the only stress is that of the fibers: sigma_max, activation and share times
-    the deviator of N N, to rounding. A plane interface leaves the volume that contracts as it
-    is, unless soft tissue has no fibers; then half the mean reach of the weights is missing,
+    the deviator of N N, up to rounding. A plane interface leaves the contracting volume unchanged,
+    unless soft tissue has no fibers; then half the mean reach of the weights is missing,
     which over one spacing is that of the neighbour's weight, 7.40625 of 80.8125.
     """
     opened = open_plates(fibers)
@@ -257,7 +257,7 @@ def test_tangent_where_only_a_part_has_fibers(open_plates):
 
 
 def squeezed(bulk, layers):
-    """Force on a cushion 1 x 1 x 2/3 of soft tissues between glued plates, squeezed by 5 %, of
+    """Force on a cushion 1 x 1 x 2/3 of soft tissues between glued plates, compressed by 5 %, of
     two halves with these bulk moduli, one above the other or side by side.
     """
     data = np.ones((6, 6, 4))
@@ -270,9 +270,9 @@ def squeezed(bulk, layers):
 @pytest.mark.slow
 @pytest.mark.parametrize("layers", [True, False], ids=["above", "beside"])
 def test_bulk_moduli_of_a_thousandfold_difference(layers):
-    """The softer half keeps its change of volume: the force lies half way between those of
+    """The softer half keeps its volume change: the force lies half-way between those of
     uniform cushions, as in felupe's quadratic elements (0.498 and 0.499 of the way, 4x4x4). A half
-    with K = inf is no other than a stiff one.
+    with K = inf behaves like a stiff one.
     """
     soft, stiff = (squeezed((k, k), layers) for k in (1e2, 1e5))
     for bulk in ((1e2, 1e5), (1e2, np.inf)):
@@ -281,13 +281,13 @@ def test_bulk_moduli_of_a_thousandfold_difference(layers):
 
 
 def confined_stress(stretch, mu, bulk):
-    """P_xx of a neo-Hookean solid stretched along x between sides that do not move."""
+    """P_xx of a neo-Hookean solid stretched along x between fixed sides."""
     reduced = stretch - (stretch**2 + 2.0) / (3.0 * stretch)
     return mu * stretch ** (-2.0 / 3.0) * reduced + bulk * (stretch - 1.0)
 
 
 def series_force(length, pull, soft, stiff):
-    """Force of two confined layers in series, the soft one of this length, both 1 long."""
+    """Force of two confined layers in series, the soft one of this length, 1 in total."""
 
     def apart(stretch):
         other = (1.0 + pull - stretch * length) / (1.0 - length)
@@ -305,9 +305,9 @@ FORCE = scenes.probes("force force_x x1")
     ("length", "source"), [(0.5, [9, 5]), (0.53, [9, 5]), (0.57, [9, 5]), (0.53, [9, 4, 4])]
 )
 def test_layers_in_series_give_way_as_they_should(length, source, pull):
-    """Each layer is strained evenly; smooth functions were 8 to 14 % too stiff."""
-    # functions with a kink have it, but for what fades where two of four neighbours lie far beyond
-    # the plane, which stands on, beside and between lines of nine points along the bar
+    """Each layer has a uniform strain; smooth functions were 8 to 14 % too stiff."""
+    # functions with a kink resolve it, except for the part that fades if two of four neighbours lie
+    # far beyond the plane, which is on, beside and between lines of nine points along the bar
     soft, stiff = (1.0, 4.0), (20.0, 80.0)
     tables = scene(
         "rkpm-gauss", box(*source, size=[1.0, 0.5, 1.0][: len(source)], places=False),
@@ -324,7 +324,7 @@ def test_layers_in_series_give_way_as_they_should(length, source, pull):
     [("y > 0.31 and y < 0.7 and z > 0.37 and z < 0.6", 0.39 * 0.23), ("z > 0.45 or y > 0.8", 0.64)],
 )
 def test_parallel_bars_carry_their_areas_share(where, stiff):
-    """Pulled between planes that slip, bars of one ratio of moduli have one strain, whatever their
+    """In tension between sliding planes, bars of one ratio of moduli have one strain, for any
     section: the force is that of their areas, to the tolerance of the iteration.
     """
 
@@ -342,7 +342,7 @@ def test_parallel_bars_carry_their_areas_share(where, stiff):
 @pytest.mark.parametrize("where", ["x + 0.4*y > 0.72", "x > 0.43 and y > 0.37"])
 @pytest.mark.parametrize("source", [[7, 6], [5, 5, 4]])
 def test_two_tissues_have_the_tangent_of_their_stress(open_scene, source, where):
-    """Muscle beside fat: across the axes, or cut by planes."""
+    """Muscle beside fat: normal to the axes, or cut by planes."""
     nd = len(source)
     fiber = [0.6, 0.8, 0.0] if nd == 3 else [0.8, 0.6, 0.0]
     muscle = {**scenes.MUSCLE, "fiber": fiber, "activation": 0.4}
@@ -355,7 +355,7 @@ def test_two_tissues_have_the_tangent_of_their_stress(open_scene, source, where)
 
 @pytest.mark.parametrize("cut", [0.36, 0.47])
 def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(cut):
-    """K of a million times the shear modulus is as good as infinite."""
+    """K of a million times the shear modulus is practically infinite."""
 
     def force(bulk: float) -> Any:
         tables = gripped(
@@ -369,7 +369,7 @@ def test_a_trace_of_a_compressible_tissue_leaves_the_other_incompressible(cut):
 
 
 def test_a_sheet_that_points_hardly_see_is_refused() -> None:
-    """Points lie in it, and a sixth of their volume's width is six times as much."""
+    """Points lie in it, but a sixth of their volume's width is six times as much."""
     sheet = neo(1e3, 30.0, "sheet", where="abs(x - 0.5) < 0.002")
     tables = scene(
         "rkpm-gauss", box(9, 9, places=False), material=[neo(1.0, 30.0, "gel"), sheet],
@@ -379,19 +379,19 @@ def test_a_sheet_that_points_hardly_see_is_refused() -> None:
     assert "material.sheet.where: " in said and "thinner than can be seen at" in said
 
 
-# ---- what jumps between points: loads, activations, materials ------------------------------------
+# ---- fields that jump between points: loads, activations, materials ------------------------------
 
 _ACTIVE = {**materials.MUSCLE, "fiber": [1, 0, 0]}
 
 
 def plate(*source: int, push: str) -> dict[str, Any]:
-    """A square that is held at one side and pressed on top."""
+    """A square that is fixed at one side and pressed on top."""
     end, wanted = {"traction": ["0", push]}, ("reaction force_y x0", "corner u_y 1 1")
     return scenes.loaded("rkpm-gauss", box(*source), neo(10.0, 40.0), "x0 y1", end, *wanted)
 
 
 def pull(activation: Any, *source: int, size: Any = (2.0, 1.0), beside: Any = ()) -> float:
-    """Force of an active sheet between held ends."""
+    """Force of an active sheet between fixed ends."""
     materials = [{**_ACTIVE, "activation": activation}, *beside]
     tables = gripped("rkpm-gauss", box(*source, size=size), materials, "x0 x1", "pull force_x x0")
     return solved(tables).last()["pull"]
@@ -400,20 +400,20 @@ def pull(activation: Any, *source: int, size: Any = (2.0, 1.0), beside: Any = ()
 @pytest.mark.parametrize("low, high", [(0.377, 1.0), (0.2, 0.45)])
 def test_a_traction_on_a_part_of_a_side_has_its_whole_force(low, high) -> None:
     # 64 points in place of two on a face with a jump: half of a part of an eighth of the side. The
-    # two Gauss points of such a face alone missed 3 and 14 %
+    # two Gauss points of such a face alone were 3 and 14 % off
     found = solved(plate(9, 9, push=f"-0.5*(x > {low} and x < {high})")).last()
     assert found["reaction"] == pytest.approx(0.5 * (high - low), abs=2 * 0.5 / 8 / 64)
 
 
 def test_smooth_tractions_take_no_finer_points() -> None:
-    # the force of two Gauss points of order 4 a face, to the digit
+    # the force of two Gauss points of order 4 per face, to the last digit
     found = solved(plate(9, 9, push="-0.5*x^3")).last()
     assert found["reaction"] == pytest.approx(0.125, rel=1e-12)
 
 
 def test_an_activation_that_jumps_acts_on_its_volume() -> None:
-    # along the fibers, between held ends: the pull is that of the active share. At the Gauss points
-    # alone the border moved to the middle between two of them, and 0.41 and 0.45 gave one answer
+    # along the fibers, between fixed ends: the pull is that of the active share. At Gauss points
+    # alone the border moved half-way between two of them; 0.41 and 0.45 gave one answer
     half = pull("0.3*(y < 0.5)", 17, 9)
     for border in (0.37, 0.41, 0.45):
         for source, near in (((17, 9), 0.006), ((33, 17), 0.0025)):
@@ -424,14 +424,14 @@ def test_an_activation_that_jumps_acts_on_its_volume() -> None:
 @pytest.mark.parametrize("border", [0.9, 1.0])
 @pytest.mark.parametrize("kind", ["0.1 + 0.05*{x}", "0.3*({x} < {border})"])
 def test_activation_and_its_mirror_image_act_alike(kind, border) -> None:
-    # the mean over a spacing is that of a slope in its middle, at the surface too
+    # the mean over a spacing is that of a slope in its middle, also at the surface
     one, other = (pull(kind.format(x=x, border=border), 6, 5) for x in ("x", "(2 - x)"))
     assert one == pytest.approx(other, rel=1e-9)
 
 
 @pytest.mark.parametrize("activation", ["0.1*x", "0.3*(x < 1)"])
 def test_stress_has_the_activation_of_its_own_place(activation) -> None:
-    # half way between two points the stress is one from either side, but for its slope over 2e-5;
+    # half-way between two points the stress is equal from both sides, up to its slope over 2e-5;
     # with the activation of the nearest point it jumped there by 12 % and more
     middles = [1.0 + (k + 0.5) / 8 for k in range(-3, 3)]
     sides = [(middle, middle + side * 1e-5) for middle in middles for side in (-1, 1)]
@@ -444,7 +444,7 @@ def test_stress_has_the_activation_of_its_own_place(activation) -> None:
 
 
 def test_an_activation_may_be_below_zero_by_a_rounding() -> None:
-    # the radius of a point on the inner surface is 1 up to roundings
+    # the radius of a point on the inner surface is 1 up to rounding
     tables = scene(
         "rkpm-gauss", scenes.annulus(5, 9, radii=(1.0, 1.5)),
         material=[{**_ACTIVE, "activation": "0.3*(r-1)"}],
@@ -455,7 +455,7 @@ def test_an_activation_may_be_below_zero_by_a_rounding() -> None:
 
 
 def test_the_smallest_square_is_near_finer_ones() -> None:
-    # a single pressure group of 3 x 3 cells resisted hardly any change of volume: 38 % off
+    # a single pressure group of 3 x 3 cells hardly resisted changes of volume: 38 % off
     corner = [solved(plate(n, n, push="-0.5*sin(3*x)")).last()["corner"] for n in (4, 17)]
     assert corner[0] == pytest.approx(corner[1], rel=0.02)
 
@@ -472,7 +472,7 @@ def test_a_free_contraction_is_accepted() -> None:
 
 
 def test_tractions_of_order_three_are_lifted_with_their_degree() -> None:
-    # errors of the force fall by 2^4.6; with tractions of degree 1 by 2^3, 3e-5 and 4e-6
+    # errors of the force decrease by 2^4.6; with tractions of degree 1 by 2^3, 3e-5 and 4e-6
     def error(*source: int) -> float:
         tables = scene(
             "rkpm-gauss", scenes.annulus(*source), material=[{**scenes.RUBBER, "K": 20.0}],
@@ -481,7 +481,7 @@ def test_tractions_of_order_three_are_lifted_with_their_degree() -> None:
             boundary=[*scenes.PLANES[:2], {"set": "inner", "radial": 6.0}],
             probe=probes("force force_x x0"),
         )  # fmt: skip
-        # the cut carries what presses on the bore
+        # the cut carries the pressure on the bore
         exact = inner_stress(tables) * 12.0
         return abs(solved(tables).last()["force"] / exact - 1.0)
 
@@ -498,7 +498,7 @@ def plates(geometry: Any, layer: str, mu: float = 0.5, ends: str = "y0 y1") -> d
 
 @pytest.mark.slow
 def test_a_sheet_between_two_planes_is_no_stiffer_than_it_is() -> None:
-    # kinks cannot resolve less than 1.5 spacings: with them 9 x 9 points had 1.70, accepted
+    # kinks resolve at least 1.5 spacings: with them 9 x 9 points gave 1.70, accepted
     found, fine = (
         solved(plates(body, "y > 0.3 and y < 0.34")).last()["f"]
         for body in (box(size=[1.0, 1.0]), box(33, 65))
@@ -515,7 +515,7 @@ def test_a_thin_sheet_in_space_is_doubted() -> None:
 
 @pytest.mark.parametrize(("plane", "near"), [(0.5, 0.48), (0.51, 0.53)])
 def test_a_stress_beside_a_plane_is_of_its_own_side(plane, near) -> None:
-    # along the plane both sides have one strain, and stress the modulus of its own side
+    # along the plane both sides have the same strain, and stress from the modulus of their own side
     far = 0.25 if near < plane else 0.8
     tables = scene(
         "rkpm-gauss", box(9, 9),
@@ -538,7 +538,7 @@ def test_a_stress_on_an_interface_says_whose_it_is(border, said) -> None:
         "end cauchy_xx 1 0", u_x=0.1,
     )  # fmt: skip
     found = solved(tables)
-    # an interface that ends in a corner of the body counts there
+    # an interface that ends in a corner of the body also counts there
     on = ["probe on", *(["probe end"] if "x" in border else [])]
     assert [text.split(" lies")[0] for text in found.states.warnings] == on
     assert all("interface of " in text and said in text for text in found.states.warnings)
@@ -550,7 +550,7 @@ def test_a_stress_on_an_interface_says_whose_it_is(border, said) -> None:
 
 @pytest.mark.parametrize("plane", [0.375, 0.36])
 def test_groups_between_planes_have_a_mirror_image(plane) -> None:
-    # of five spacings beyond a plane none of the two middle lines is the nearer one
+    # of five spacings beyond a plane neither of the two middle lines is the nearer one
     def aside(where: str, ends: str, u_x: float) -> float:
         materials = [neo(0.5, 2.0, "soft"), neo(10.0, 40.0, "stiff", where=where)]
         body = "rkpm-gauss", box(9, 9), materials, ends
@@ -561,7 +561,7 @@ def test_groups_between_planes_have_a_mirror_image(plane) -> None:
 
 
 def test_a_muscle_beside_a_plane_has_its_own_activation() -> None:
-    # the mean over a spacing ends at the plane, beyond which the expression is zero or has no value
+    # the mean over a spacing ends at the plane, beyond which the expression is zero or undefined
     gel = {"size": 1.0, "beside": [neo(1.0, 4.0, "gel", where="y > 0.37")]}
     number = pull(0.3, 9, 9, **gel)
     for field in ("0.3*(y < 0.37)", "0.3*sqrt(max(0.37 - y, 0)/(0.37 - y))"):
@@ -569,7 +569,7 @@ def test_a_muscle_beside_a_plane_has_its_own_activation() -> None:
 
 
 def rings(radii, laws, pressure, r):
-    """Displacement and hoop stress at a radius of elastic rings in each other, u = a r + b/r."""
+    """Displacement and hoop stress at a radius of nested elastic rings, u = a r + b/r."""
     n = len(laws)
     rows, right = np.zeros((2 * n, 2 * n)), np.zeros(2 * n)
     right[0] = -pressure

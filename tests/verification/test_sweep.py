@@ -1,4 +1,4 @@
-"""Sweeps: plans, tables, resumption after a kill, failures that end nothing, other workers."""
+"""Sweeps: plans, tables, resumption after a kill, failures that stop nothing, other workers."""
 
 import contextlib
 import csv
@@ -29,7 +29,7 @@ from tests.unit.test_scene_from_tables import BLOCK, cloud
 
 WANTED = probes("pull force_x x1", "middle u 1 0.5")
 STRIP = text_of_tables(scenes.strip(5, 3, places=(5, 3), probe=WANTED))
-#: What a point gives that is not solved
+#: Result of a point that is not solved
 SOLVED = {"verdict": "failed", "message": "", "probes": {}, "errors": {}, "cpu_s": 1.0}
 MU = "material.rubber.mu"
 
@@ -88,7 +88,7 @@ def test_table(deck: Path, tmp_path: Path) -> None:
     for row in rows:
         over = [f"{key}={row[key]}" for key in (MU, "boundary.x1.u_x")]
         if float(row["boundary.x1.u_x"]) < 0:
-            # crushed to a twentieth in one step
+            # compressed to a twentieth in one step
             assert row["verdict"] in ("failed", "refused") and row["message"]
             continue
         assert row["verdict"] == "accepted"
@@ -108,10 +108,10 @@ def test_table(deck: Path, tmp_path: Path) -> None:
 def test_a_sweep_without_any_answer_fails(
     deck: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], values: str, status: int
 ) -> None:
-    """One good point is enough for status 0; without one the command fails, again when resumed."""
+    """One good point is enough for status 0; without any the command fails, also when resumed."""
     out = tmp_path / "out"
     for _ in range(2):
-        # a strip crushed to a twentieth in one step
+        # a strip compressed to a twentieth in one step
         words = ["sweep", str(deck), "--vary", f"boundary.x1.u_x={values}", "--out", str(out)]
         assert main([*words, "--set", "load.max_halvings=0", "-q"]) == status
         said = capsys.readouterr().err
@@ -124,7 +124,7 @@ def test_a_sweep_without_any_answer_fails(
 
 @pytest.mark.slow
 def test_csv_without_pyarrow(deck: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Parquet is one of the optional packages: the table is written, and the lack told."""
+    """Parquet is one of the optional packages: the table is written, and the lack reported."""
     monkeypatch.setattr("myork.sweeps.store.find_spec", lambda name: None)
     said: list[str] = []
     table = sweep(deck, ["boundary.x1.u_x=0.1"], tmp_path / "out", progress=said.append)
@@ -140,7 +140,7 @@ def long_sweep(deck: Path, points: int) -> list[str]:
 
 
 def started(*words: str) -> subprocess.Popen[bytes]:
-    """The command in a process group of its own."""
+    """The command in a separate process group."""
     return subprocess.Popen([sys.executable, "-m", "myork", *words], start_new_session=True)
 
 
@@ -171,7 +171,7 @@ def test_resumed_after_a_kill(deck: Path, tmp_path: Path) -> None:
 
 
 def processes_below(pid: int) -> list[int]:
-    """Processes that the threads of a process have started, and those that they have."""
+    """Processes started by the threads of a process, and their children."""
     lists = Path("/proc", str(pid), "task").glob("*/children")
     own = [int(child) for path in lists for child in path.read_text().split()]
     return [*own, *(other for child in own for other in processes_below(child))]
@@ -203,7 +203,7 @@ def here(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def stop_after_one(line: str) -> None:
-    """End a sweep when its first point is on the disk."""
+    """Stop a sweep when its first point is on disk."""
     if line.startswith("point 1/"):
         raise KeyboardInterrupt
 
@@ -221,7 +221,7 @@ def write_inputs(folder: Path) -> None:
     [("deck.toml", "deck.toml"), ("block.toml", "block.toml"), ("block.toml", "model.h5")],
 )
 def test_a_sweep_is_of_the_contents_of_its_files(tmp_path, monkeypatch, here, deck, file):
-    """A sweep goes on with what its files held, wherever they are, and with nothing else."""
+    """A sweep continues with its files' contents, wherever they are, and with no others."""
     made, out = tmp_path / "made", tmp_path / "out"
     write_inputs(made)
     monkeypatch.setattr(run, "solve_point", lambda *call: SOLVED)
@@ -255,7 +255,7 @@ def test_files_that_are_varied_are_known_by_their_contents(tmp_path, monkeypatch
     refuses(r"before geometry\.file = other\.h5 changed", sweep, made / "block.toml", vary, out)
 
 
-#: Of a point that is there already, of none that the sweep has, and of no number
+#: A repeated point, one that the sweep does not have, and one without a number
 LINE = '{"point": %s, "probes": {}, "errors": {}, "verdict": "failed", "message": "", "cpu_s": 1}'
 
 
@@ -283,7 +283,7 @@ COLUMNS = {"verdict": "every sweep", "cpu_s": "every sweep", "middle_x": "the pr
 
 @pytest.mark.parametrize(("name", "owner"), COLUMNS.items())
 def test_columns_cannot_overwrite_each_other(deck, tmp_path, name: str, owner: str) -> None:
-    """Refused before anything is solved or written, in a dry run as well."""
+    """Refused before anything is solved or written, also in a dry run."""
     deck.write_text(STRIP.replace('"pull"', f'"{name}"'))
     for dry in (True, False):
         with pytest.raises(InputError, match=r"rename the probe") as ended:
@@ -365,7 +365,7 @@ def test_dask(deck: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_a_scheduler_that_is_killed(deck: Path, tmp_path: Path) -> None:
-    """What was finished is kept, the message says what to do, and a second call does the rest."""
+    """Finished points are kept, the message names the remedy, and a second call does the rest."""
     out, vary = tmp_path / "out", ["material.rubber.mu=5,10,20,30"]
     serve = (
         "import distributed; cluster = distributed.LocalCluster(n_workers=1, processes=False, "

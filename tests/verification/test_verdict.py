@@ -1,8 +1,8 @@
 """Verdicts, error bars, warnings: wrong answers are refused, right ones accepted, bars cover.
 
-References, each from meshes that are refined until they no longer change: the cantilever's tip
-0.9145 (where the Galerkin form and felupe's Q2/P1 go, see tests/scenes.py); the tube's pressure on
-its inner wall -15.588823 N/cm² at K = 1e3 from the boundary value problem of the radius; the near
+References are from meshes refined until the values no longer change: the cantilever's tip
+0.9145 (limit of the Galerkin form and felupe's Q2/P1, see tests/scenes.py); the pressure on the
+tube's inner wall -15.588823 N/cm² at K = 1e3 from the radial boundary value problem; the near
 shear's force 247.93 N. Homogeneous states are exact.
 """
 
@@ -54,18 +54,18 @@ def ring(radii: tuple[float, float], source: list[int], material: list[Any], **i
 
 
 def squeezed(source: list[int], radial: float, *wanted: str) -> Any:
-    """A ring whose bore is pressed inward while its outside is held."""
+    """A ring whose bore is pressed inward while its outer wall is fixed."""
     rubber = {"name": "a", "model": "mooney-rivlin", "C1": 5.4, "C2": 1.35, "K": 6725.0}
     tables = ring((2.477, 4.34), source, [rubber], radial=radial)
     tables["boundary"].insert(2, {"set": "outer", "radial": 0.0})
     tables["probe"] = probes(*(wanted or ("inside u inner",)))
-    # beside exact values the other solution takes the penalty, by which few points fold
+    # beside exact values the other solution uses the penalty, with which few points fold
     tables["galerkin"] = {"essential": "transformation"}
     return tables
 
 
 def test_another_branch_gives_no_bars() -> None:
-    """Half as many points of a squeezed ring fold another way, whose distance is no error."""
+    """Half as many points of a squeezed ring fold differently, which is no error estimate."""
     states, found = solved(squeezed([9, 10], -0.3))
     assert states.verdict == "refused"
     assert any("on another branch" in reason for reason in states.reasons)
@@ -73,14 +73,14 @@ def test_another_branch_gives_no_bars() -> None:
 
 
 def pulling(*source: int) -> Any:
-    """A muscle between held ends, of which two fifths are active."""
+    """A muscle between fixed ends, of which two fifths are active."""
     muscle = {**scenes.MUSCLE, "K": 5000.0, "fiber": [1, 0, 0], "activation": "0.15*(y < 0.4)"}
     body = box(*source, size=[2, 1])
     return gripped("rkpm-gauss", body, muscle, "x0 x1", "force force_x x1")
 
 
 def turned(*source: int) -> Any:
-    """A ring turned by its outer wall."""
+    """A ring rotated by its outer wall."""
     places = [(2.5 * np.cos(a), 2.5 * np.sin(a)) for a in np.radians([0, 20, 70, 90])]
     lines = [f"p{i}{c} u_{c} {x:.9f} {y:.9f}" for i, (x, y) in enumerate(places) for c in "xy"]
     return scene(
@@ -91,35 +91,35 @@ def turned(*source: int) -> Any:
 
 
 def included(points: int) -> Any:
-    """A square that conducts, with a round inclusion, which has no planes."""
+    """A heat-conducting square with a round inclusion, which has no planes."""
     ends = {"set": "x0", "u": 0}, {"set": "x1", "u": 1}, {"set": "y0", "u": "x"}
     law = {"problem": "poisson", "conductivity": "1 + 9*((x-0.5)^2 + (y-0.5)^2 < 0.06)"}
     body = box(points, points)
     return scene("auto", body, linear=law, boundary=ends, probe=probes("value u 0.5 0.7"))
 
 
-#: Deck, or name and overrides of one of inputs/; truths, or the deck that has them, and by how much
-#: they may be off; the verdict; the widest bar, of the value
+#: Deck, or name and overrides of one of inputs/; truths, or the deck that gives them, and their
+#: uncertainty; the verdict; the widest bar, relative to the value
 COVERED: dict[str, tuple[Any, Any, float, str, float]] = {
     # three cells across fold, four do not: the answer is that of twelve cells
     "half as many cells fold": (
         squeezed([7, 8], -0.2, "x u_x 2.4 2.4", "y u_y 2.4 2.4"),
         squeezed([13, 15], -0.2, "x u_x 2.4 2.4", "y u_y 2.4 2.4"), 0.0, "accepted", 0.02,
     ),
-    # the muscle moves by hundredths of what the same stress would make of a free one: half as many
-    # cells have its force, and a third of that less or more
+    # the muscle moves by hundredths of what the same stress would cause in a free one: half as many
+    # cells give its force, with a difference of a third
     "hardly any displacement": (pulling(17, 9), pulling(49, 25), 0.0, "accepted", 1.0),
-    # few points by exact values are as far off as more of them by the penalty, to the same side,
-    # and their difference is a third of the error. Truth: -0.2012 by 96 x 64 elements of order two
-    # that are fine towards the corners, still rising; -0.2024 by 49 x 33 points, falling
+    # few points with exact values are as far off as more of them with the penalty, to the same
+    # side, and their difference is a third of the error. Truth: -0.2012 by 96 x 64 elements of
+    # order two refined towards the corners, still increasing; -0.2024 by 49 x 33 points, decreasing
     "a penalty that agrees by chance": (
         scenes.loaded("rkpm-gauss", box(25, 17, size=[1.5, 1.0]), neo(10.0, np.inf), "x0 x1",
                       {"u_x": 0.0, "u_y": 0.2241}, "pull force_x x0", "u u_y 0.75 1"),
         {"pull": -0.2012, "u": 0.1071}, 0.0, "accepted", 0.02,
     ),
-    # beside an answer that holds exactly, half as many points by the penalty alone came as near by
+    # compared with an exact answer, half as many points with the penalty alone agreed by
     # chance: 2.7 bars off. Truth: 36x36 finite elements of order two, graded to the rims, which
-    # change it by .0051 from 24x24
+    # differ by .0051 from 24x24
     "a strip pressed between glued ends": (
         scene(
             "auto", box(17, 33, size=[0.5, 1], places=(17, 33), graded=["x0", "x1", "y0", "y1"]),
@@ -134,8 +134,8 @@ COVERED: dict[str, tuple[Any, Any, float, str, float]] = {
         gripped("rkpm-gauss", box(n, n, n), neo(20.0, 2000.0), "z0 z1", "force force_z z1",
                 u_z=-0.35), {"force": -37.3}, 0.0, "doubtful", np.inf,
     ) for n in (5, 6)},
-    # held walls are singular at their free ends: displacements were off by up to 5 bars when their
-    # errors were taken to fall like those of an inflated ring
+    # clamped walls are singular at their free ends: displacements were off by up to 5 bars when
+    # their errors were assumed to decrease like those of an inflated ring
     "a ring with rims": (turned(17, 13), turned(25, 49), 0.0, "", np.inf),
     "a round inclusion": (included(11), included(61), 0.0, "", np.inf),
     **{f"{deck}, {words[0]}": ((deck, words), {probe: value}, 0.0, "accepted", 0.05)
@@ -169,7 +169,7 @@ def test_bars_contain_the_error(inputs: Path, name: str) -> None:
 
 
 def test_a_bar_does_not_depend_on_other_probes() -> None:
-    """Nor where another probe is a stress that four cells do not resolve."""
+    """Nor if another probe is a stress that four cells do not resolve."""
     body, end = box(9, 5, 5, size=[2, 1, 0.5]), {"traction": [0, 0, -1.0]}
     plate = scenes.loaded("rkpm-gauss", body, scenes.RUBBER, "x0 z1", end, "tip u 2 0.5 0.25")
     bars = []
@@ -182,7 +182,7 @@ def test_a_bar_does_not_depend_on_other_probes() -> None:
 
 @pytest.mark.parametrize("bulk", [1.0, 5.0, 15.0])
 def test_foam_that_is_pressed_between_rollers_stays_elliptic(bulk: float) -> None:
-    """Neo-Hookean foam is polyconvex: it cannot lose its ellipticity, and its state is exact."""
+    """Neo-Hookean foam is polyconvex: it cannot lose ellipticity, and its state is exact."""
     tables = scene(
         "rkpm-scni", box(4, 4, 4), material=[neo(3.0, bulk)], probe=probes("force force_z z1"),
         boundary=[*scenes.slip("xy"), {"set": "z0", "u_z": 0}, {"set": "z1", "u_z": -0.7}],
@@ -204,8 +204,8 @@ def test_foam_that_is_pressed_between_rollers_stays_elliptic(bulk: float) -> Non
 )  # fmt: skip
 def test_a_block_between_rollers_is_stable_up_to_the_stretch_of_biot(points, pressed, unstable):
     """Wrinkles of a free face grow below the stretch .544 in the plane (Biot 1963,
-    doi:10.1007/BF03184638); in space four quadratic finite elements an edge have a negative
-    eigenvalue from .525 on. Pressures of groups alone have some at .6 in the plane, at .7 in space.
+    doi:10.1007/BF03184638); in space four quadratic finite elements per edge have a negative
+    eigenvalue from .525 on. Pressures of groups alone have one at .6 in the plane, at .7 in space.
     """
     nd, last = len(points), "xyz"[len(points) - 1]
     tables = scene(
@@ -226,7 +226,7 @@ def test_a_block_between_rollers_is_stable_up_to_the_stretch_of_biot(points, pre
 ])  # fmt: skip
 def test_columns_of_few_cells_are_not_accepted_beyond_their_load(points, size, load, seen):
     """The straight state is in equilibrium at any load. One cell across locks in bending: only a
-    second solution sees that it buckles; two cells do, if they are not made stiffer.
+    second solution shows that it buckles; two cells show it, unless they are made stiffer.
     """
     nd = len(points)
     critical = np.pi**2 / (12 if nd == 2 else 16) * (size[0] / size[-1]) ** 2
@@ -241,8 +241,8 @@ def test_columns_of_few_cells_are_not_accepted_beyond_their_load(points, size, l
 
 
 def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
-    """A disc 20 times as stiff as what is stretched around it: neo-Hookean materials keep their
-    ellipticity, many thin layers of them do not. Truths of quadratic finite elements.
+    """A disc 20 times as stiff as the stretched material around it: neo-Hookean materials keep
+    their ellipticity, many thin layers of them do not. Truths of quadratic finite elements.
     """
     disc = neo(20.0, 660.0, "disc", where="(x - 0.5)^2 + (y - 0.5)^2 < 0.0625")
     tables = scene(
@@ -257,7 +257,7 @@ def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
 
 
 def test_a_traction_in_two_halves_has_the_bars_of_the_whole() -> None:
-    """The second half acts on a set of its own, which is the same side."""
+    """The second half acts on a separate set, which is the same side."""
     wanted = "u u_y 2 0.5", "s cauchy_xx 1 0.25"
     end = {"traction": [0.0, 0.2]}
     whole = scenes.loaded("rkpm-gauss", box(9, 13, size=[2, 1]), neo(10.0, 300.0), "x0 x1", end,
@@ -272,8 +272,8 @@ def test_a_traction_in_two_halves_has_the_bars_of_the_whole() -> None:
 
 
 def test_inverted_corners_count_where_volumes_are_off() -> None:
-    """Pressed between a glued side and a smooth one, with a bulk modulus 1e4 times the shear
-    modulus: bars from fewer points are small, and J is off by 8 % in the mean.
+    """Compressed between a glued side and a smooth one, with a bulk modulus 1e4 times the shear
+    modulus: bars from fewer points are small, and J is off by 8 % on average.
     """
     tables = scene(
         "rkpm-gauss", box(size=[2, 1]), material=[neo(10.0, 1e5)], probe=probes("force force_x x0"),
@@ -287,8 +287,8 @@ def test_inverted_corners_count_where_volumes_are_off() -> None:
 @pytest.mark.parametrize(("pressed", "unstable"), [(0.24, False), (0.27, True)])
 @pytest.mark.parametrize("asked", [{}, {"accuracy": 0.05}])
 def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, asked):
-    """Pressed by an end that may move aside, it stays straight at any load. A push of 1e-4 of what
-    presses moves the end by hundredths of the height before it buckles, by tenths after.
+    """Compressed by an end that may move aside, it stays straight at any load. A push of 1e-4 of
+    the load moves the end by hundredths of the height before it buckles, by tenths after.
     """
     body = box(*([] if asked else [25, 9]), size=[3, 1], places=False)
     sway, end = "sway u_y 3 0.5", {"u_x": -pressed}
@@ -305,7 +305,7 @@ def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, asked):
 
 
 def test_a_jump_past_a_load_that_the_body_cannot_carry_is_not_accepted() -> None:
-    """Suction buckles a ring at .68 of the load: one step ends behind it, three before it."""
+    """Suction buckles a ring at .68 of the load: one step ends beyond it, three before it."""
     soft = 2.114535721824404
     b = {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
     materials = [neo(9.94, 4970.0, "a"), b | {"where": "x > 1.50034"}]
@@ -317,8 +317,8 @@ def test_a_jump_past_a_load_that_the_body_cannot_carry_is_not_accepted() -> None
 
 
 def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
-    """A block pressed by 43 % between rollers is stable, although its tangent is not definite: a
-    push that fails afterwards has not lost the branch there.
+    """A block compressed by 43 % between rollers is stable, although its tangent is not definite:
+    if a push fails afterwards, the branch is not lost there.
     """
     few = {"load": {"steps": 2, "max_halvings": 0}, "solver": {"max_iterations": 6}}
     with Scene.from_tables(scenes.pushed(-300, **few)) as body:
@@ -328,7 +328,7 @@ def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
 
 
 def test_a_branch_that_is_lost_ends_the_halving() -> None:
-    """A soft muscle leaves its axis: of ten halvings that are allowed seven are made at most."""
+    """A soft muscle leaves its axis: of ten allowed halvings at most seven are made."""
     change = ["scene.method=rkpm-gauss", "approximation.order=1", "boundary.z1.u_z=0"]
     change += ["material.muscle.A10=4.4", "material.muscle.fiber_angle=1", "load.steps=1"]
     lost = "an unstable equilibrium: the branch is lost"
@@ -345,14 +345,14 @@ def test_the_weak_form_that_bends_is_accepted(points: tuple[int, int]) -> None:
     assert np.isnan(states.work_mismatch) and not states.warnings
     bar = found.bar("tip")
     assert abs(found.last()["tip"] - TIP) < bar < 0.02 * TIP
-    # half of the load is known as well in proportion
+    # half of the load is also known in proportion
     assert states.probe_errors[0, 0, 0] == pytest.approx(0.5 * bar)
     assert np.all(np.abs(found.ends()["root"] - [0, -1, 0]) <= found.bars["root"][-1])
 
 
 @pytest.mark.slow
 def test_a_stress_at_the_surface_that_is_off_is_not_accepted(inputs: Path) -> None:
-    """Order 1 has the pressure on the wall of the tube 10 % too low."""
+    """With order 1 the pressure on the wall of the tube is 10 % too low."""
     states, found = solved(inputs / "tube.toml", *GAUSS, *lattice([9, 51]), "material.K=1e3")
     off = abs(found.last()["radial_stress"] + 15.588823)
     assert off > 0.08 * 15.588823
@@ -384,7 +384,7 @@ PRESSED = gripped(
 
 @pytest.mark.slow
 def test_material_inside_out_is_said_everywhere(tmp_path: Path) -> None:
-    """Glued corners turn inside out: their stress does not exist, all else is well."""
+    """Glued corners turn inside out: their stress does not exist, all else is valid."""
     lines: list[str] = []
     summary = run_deck(PRESSED, tmp_path, progress=lines.append)
     assert summary["verdict"]["state"] == "doubtful" and summary["steps"][-1]["min_J"] < 0
@@ -431,7 +431,7 @@ def test_a_body_that_waits_is_at_rest_until_it_is_loaded() -> None:
 
 
 def test_without_a_second_solution_nothing_is_silent(tmp_path: Path, inputs: Path) -> None:
-    """No bars, and a note in the place of the reasons, however the run was started."""
+    """No bars, and a note in place of the reasons, however the run was started."""
     deck, overrides = inputs / "shear_2d.toml", (*GAUSS, *lattice([9, 5]))
     states, _, bars, _ = scenes.solved(deck, *overrides)
     assert np.isnan(bars["top_force"]).all()
@@ -452,7 +452,7 @@ def test_bars_of_linear_problems_are_their_errors(inputs: Path) -> None:
 
 
 def pad(quantity: str, *point: float) -> dict[str, Any]:
-    """A flat block between glued plates, pressed by a tenth, with one probe of a stress."""
+    """A flat block between glued plates, compressed by a tenth, with one stress probe."""
     body = box(9, 9, 5, size=[20, 20, 10], places=False)
     place = " ".join(map(str, point))
     return gripped("rkpm-gauss", body, neo(0.3, 300), "z0 z1", f"stress {quantity} {place}", u_z=-1)
@@ -481,7 +481,7 @@ def test_an_error_bar_beyond_the_value_is_said() -> None:
 
 
 def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
-    """The summary's does not grow with the stiffness, as a difference of stresses does."""
+    """The summary's difference does not grow with the stiffness, as one of stresses does."""
     found = []
     for unit in (1, 1000):
         tables = pad("cauchy_zz", 16, 16, 3) | {"material": [neo(0.3 * unit, 300 * unit)]}
@@ -504,7 +504,7 @@ def test_the_tissue_that_differs_is_named() -> None:
 
 SMALL_MUSCLE = (*lattice([3, 3, 5]), "load.steps=2", "load.activation=0.3")
 
-#: Deck, overrides, verdict, a part of each warning in its order, and the error that ends the run
+#: Deck, overrides, verdict, a part of each warning in order, and the error that ends the run
 CASES: dict[str, tuple[str, Any, str, Any, Any]] = {
     "stiff, and right in the displacement form": (
         "uniaxial_tension", ("scene.method=rkcm", *lattice([3, 3, 3])), "accepted", (), None,
@@ -534,7 +534,7 @@ CASES: dict[str, tuple[str, Any, str, Any, Any]] = {
 
 
 def in_memory(deck: Path, overrides: tuple[str, ...]) -> tuple[States, type[MyorkError] | None]:
-    """States, and the error where the run did not get to its end."""
+    """States, and the error if the run did not reach its end."""
     with Scene(deck, overrides, threads=1) as scene:
         try:
             return scene.solve(), None
@@ -550,7 +550,7 @@ def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) ->
     deck = inputs / f"{name}.toml"
     states, ended_by = in_memory(deck, overrides)
     warnings = states.warnings
-    # a refused answer is one, and whole: nothing is raised where it is at hand
+    # a refused answer is an answer, and complete: nothing is raised in memory
     assert ended_by is (None if error is RefusedError else error)
     assert states.verdict == verdict, states.reasons
     assert len(warnings) == len(parts), warnings
@@ -576,7 +576,7 @@ def test_all_ways_give_the_same_list(case: str, inputs: Path, tmp_path: Path) ->
 
 
 def test_warnings_are_those_of_the_last_solve(inputs: Path) -> None:
-    """A reduced model has no checks of its own."""
+    """A reduced model has no checks."""
     overrides = CASES["a coarse tube"][1]
     with Scene(inputs / "tube.toml", overrides, threads=1) as scene:
         full = scene.solve()
@@ -616,7 +616,7 @@ def test_least_eigenvalue(inputs: Path, tmp_path: Path, method: str, bulk: str) 
 
 
 def test_loss_is_reported_once(inputs: Path, tmp_path: Path) -> None:
-    """A polynomial that softens: from some stretch on W_1 + 2 W_11 (v F N)^2 is negative."""
+    """A polynomial that softens: beyond some stretch W_1 + 2 W_11 (v F N)^2 is negative."""
     summary = solve(inputs, tmp_path, "material.A20=-14", "material.A30=0", "scene.method=auto")
     values = [step["min_acoustic"]["value"] for step in summary["steps"]]
     lost = next(i for i, value in enumerate(values) if value <= 0)
@@ -630,7 +630,7 @@ def test_loss_is_reported_once(inputs: Path, tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_an_accepted_answer_is_not_called_ambiguous(inputs: Path, tmp_path: Path) -> None:
-    """A glued end loses ellipticity in its corners alone, far from the probe."""
+    """A glued end loses ellipticity only in its corners, far from the probe."""
     summary, done = execute(inputs / "uniaxial_tension.toml", tmp_path, sets=(
         "geometry.size=[2,1,1]", "geometry.source=[13,7,7]", "geometry.collocation=[13,7,7]",
         "scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2",

@@ -1,4 +1,4 @@
-"""The page of a reduced model, in a real browser: it shows what the model says; the demo."""
+"""The page of a reduced model, in a real browser: it shows the numbers of the model; the demo."""
 
 import io
 import json
@@ -122,7 +122,7 @@ def test_force_shown_is_that_of_rom_solve(open_page, address, trained, capsys):
     assert main(["rom", "solve", str(trained), *values, "--json"]) == 0
     expected = json.loads(capsys.readouterr().out)
     force = expected["probes"]["reaction"]
-    # forces stand first
+    # forces come first
     assert page.evaluate("shown.probes[0]") == pytest.approx(force, rel=1e-12)
     assert page.inner_text("#probe0") == f"{force:.4g}"
     indicator, unit = page.inner_text("#indicator").split()
@@ -131,7 +131,7 @@ def test_force_shown_is_that_of_rom_solve(open_page, address, trained, capsys):
     assert page.inner_text("h1").startswith("block <of> muscle")
     # a curve for each parameter, with the state on it
     assert page.locator("#curves svg circle").count() == 3
-    # sixty moves: each answer is drawn, the last one is that of the last value
+    # sixty moves: each answer is drawn, the last one belongs to the last value
     before = page.evaluate("shown.answers")
     page.evaluate(
         "async () => { const s = document.getElementById('p0');"
@@ -157,7 +157,7 @@ def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
         slide(page, 1, length)
         seen.append(picture(page))
     assert 0.03 < (seen[0] < 200).any(axis=2).mean() < 0.9
-    # the pulled end is higher on the screen: the body at rest is drawn in both
+    # the pulled end is higher on the screen: the undeformed body is drawn in both
     rows = [np.flatnonzero((p < 120).any(axis=2).any(axis=1)).min() for p in seen]
     assert rows[1] < rows[0] - 5
     colours = set()
@@ -168,7 +168,7 @@ def test_the_body_follows_the_sliders(open_page: Any, address: str) -> None:
         page.wait_for_function("() => !wanted && !busy")
         colours.add((picture(page).astype(int).sum(), page.inner_text("#high")))
     assert len(colours) == len(FIELDS)
-    # turned by the mouse
+    # rotated by the mouse
     before, box = picture(page), page.locator("#body").bounding_box()
     page.mouse.move(box["x"] + 200, box["y"] + 200)
     page.mouse.down()
@@ -198,7 +198,7 @@ def test_positions_and_fields(answers: Answers) -> None:
     moved = {tuple(np.round(x, 9)) for x in (answers.rest + 0.0)}
     points = answers.rom.full_model().open().points()
     on = [tuple(np.round(x, 9)) in moved for x in points]
-    # no point of three by three by five lies inside but three
+    # of three by three by five points only three lie inside
     assert len(answers.rest) == np.sum(on) == 42
     assert shown.positions == pytest.approx(points[on] + state.u()[on], abs=1e-9)
     assert shown.values == pytest.approx(np.linalg.norm(state.u()[on], axis=1), abs=1e-9)
@@ -216,7 +216,7 @@ def test_positions_and_fields(answers: Answers) -> None:
 
 
 def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
-    """As probes are by their kind: nearly zero displacements are shown without relative error."""
+    """Like probes, which are judged by their kind: tiny displacements have no relative error."""
     rom = answers.rom
     for values, small in (([0.0, 1e-4, 30.0], True), ([0.8, 0.3, 30.0], False)):
         batch = rom.batch(np.array([values]), indicator=True)
@@ -228,7 +228,7 @@ def test_small_states_are_judged_by_the_largest(answers: Answers) -> None:
 
 
 def test_the_error_of_the_full_model_is_in_that_of_the_force(answers, trained, tmp_path):
-    """Where it was solved beside the model, from the same deck at any values of the parameters."""
+    """If it was solved beside the model, from the same deck with any values of the parameters."""
     assert answers.about()["bar"]["full"] is None
     found = {}
     for name, override in (("same", "load.activation=0.5"), ("other", "material.muscle.K=400")):
@@ -251,7 +251,7 @@ def test_rounding_is_zero(answers: Answers) -> None:
 
 
 def test_angles_of_fibers_move(tmp_path: Path) -> None:
-    """A scene whose fibers turn is another one; its fields are those of the state."""
+    """A scene whose fibers turn is a different one; its fields are those of the state."""
     deck = deck_file(tmp_path / "turning.toml", DECK)
     key = "material.muscle.fiber_angle"
     ranges = {key: (5.0, 25.0), "load.activation": (0.0, 0.5)}
@@ -323,7 +323,7 @@ def test_who_is_answered(address: str, path: str, host: str, status: int, messag
 
 
 def test_verdicts_are_those_of_sweeps(answers):
-    """For states inside and outside the range; the page names ranges that are exceeded."""
+    """For states inside and outside the range; the page names exceeded ranges."""
     rng = np.random.default_rng(1)
     low, high = np.array(list(RANGES.values())).T
     rows = np.vstack([low + (high - low) * rng.random((12, 3)), high + 0.1 * (high - low)])
@@ -339,7 +339,7 @@ def test_verdicts_are_those_of_sweeps(answers):
 
 
 def test_a_page_without_a_server(open_page, answers, trained, tmp_path, capsys):
-    """Sampled states are the model's, values between them are linear, and both is said."""
+    """Sampled states are the model's, values between them are linear, and the page says both."""
     file = tmp_path / "block.html"
     assert main(["view", str(trained), "--still", str(file), "-q"]) == 0
     assert capsys.readouterr().out == f"page: {file}\n"
@@ -380,7 +380,7 @@ def test_a_page_without_a_server(open_page, answers, trained, tmp_path, capsys):
     truth = answers.state([float(v) for v in values], "J").facts["probes"][0]
     assert abs(truth - force) < bar < 0.05 * abs(force)
     assert page.locator("#curves svg circle").count() == 3
-    # a state that was not found makes none beside it
+    # no state is interpolated from one that was not found
     page.evaluate("held.states.forEach((state) => { state.converged = false; })")
     slide(page, 0, 0.1)
     assert page.inner_text("#verdict") == "✗ refused" and page.inner_text("#probe0") == "–"
@@ -420,7 +420,7 @@ def test_it_ends_cleanly(trained: Path, tmp_path: Path, sign: signal.Signals) ->
 
 
 def test_a_port_in_use(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """It is found before the model is read: there is none."""
+    """It is detected before the model is read: there is none."""
     absent = str(tmp_path / "absent.rom.h5")
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
@@ -442,14 +442,14 @@ def test_it_ends_accepted(open_page, tmp_path, capsys):
     assert main(["demo", "--out", str(tmp_path), "--threads", "1"]) == 0
     said = capsys.readouterr().out
     summary = json.loads((tmp_path / "summary.json").read_text())
-    # nothing is lost in any place, at no load
+    # nothing is lost anywhere, at zero load
     assert summary["verdict"]["state"] == "accepted" and summary["warnings"] == []
     last = summary["steps"][-1]
     force, bar = last["probes"]["reaction_top"], last["probe_errors"]["reaction_top"]
     assert 0.0 < bar < 0.06 * force
     assert f"reaction_top at load 1: {force:.4g} +- {bar:.2g} N" in said.splitlines()
     assert [f"station {k}/5" in said for k in range(1, 6)] == [True] * 5
-    # the check stands in its file and in the model
+    # the check is in its file and in the model
     check = json.loads((tmp_path / "check.json").read_text())
     assert check["failed"] == 0 and check["points"] == 6
     assert check["force"]["max"] < 1e-3 and check["u"]["max_of_largest"] < 2e-3
@@ -464,7 +464,7 @@ def test_it_ends_accepted(open_page, tmp_path, capsys):
     at = page.evaluate("about.probes.findIndex((p) => p.name === 'reaction_top')")
     assert page.evaluate("shown.probes")[at] == pytest.approx(force, rel=1e-3)
     assert page.inner_text("#verdict") == "✓ accepted"
-    # the error of the full model is in that of the force
+    # the error of the full model is included in that of the force
     of = page.evaluate("about.bar")
     off = (of["full"] + of["reduced"]) * force + of["between"]
     assert bar < off < 1.02 * bar

@@ -1,7 +1,7 @@
-"""Tables and figures of the dissertation, and the way to the benchmarks of a checkout.
+"""Tables and figures of the dissertation, and access to the benchmarks of a checkout.
 
 `reproduce` computes the tables again wherever myork is installed. All other comparisons, with exact
-solutions and with finite elements, stand in the folder `benchmarks` of a checkout.
+solutions and with finite elements, are in the folder `benchmarks` of a checkout.
 """
 
 import sys
@@ -23,7 +23,7 @@ BENCHES = (
 def run_benches(
     names: list[str], out: Path, *, quick: bool = False, progress: ProgressCallback = silent
 ) -> dict[str, Any]:
-    """Run benchmarks of the checkout that is the working directory, or contains the environment.
+    """Run benchmarks of the checkout in the working directory or around the environment.
 
     - `names`: from `BENCHES`, or `all`
     - `out`: folder of `bench.json` and `bench.html`; made if it is missing

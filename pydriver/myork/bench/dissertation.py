@@ -1,8 +1,8 @@
 """Tables and figures of Basava (2015) as data: decks, overrides, quantities, published numbers.
 
-Each table has runs, and rows that read a quantity of a run. Numbers of the rows are those of the
-dissertation: of its tables, of its text, or of a formula printed there, which the row then names;
-`benchmarks.truths.exact` evaluates these.
+Each table has runs, and rows that read a quantity of a run. Published numbers are taken from the
+tables of the dissertation, from its text, or from a formula printed there, which the row then
+names; `benchmarks.truths.exact` evaluates these formulas.
 """
 
 from __future__ import annotations
@@ -23,43 +23,43 @@ class Run(NamedTuple):
 
     kind: str  #: What is computed, a key of `myork.bench.reproduce.RUNS`
     deck: str  #: Name of an installed deck, or of tables in `myork.bench.phantoms`
-    overrides: tuple[str, ...] = ()  #: What differs from the deck
-    more: Study | tuple[int, ...] | str | None = None  #: What else the kind of run wants
+    overrides: tuple[str, ...] = ()  #: Overrides of the deck
+    more: Study | tuple[int, ...] | str | None = None  #: Further argument of this kind of run
 
 
 class Row(NamedTuple):
     """A number of a table or figure."""
 
-    name: str  #: What it is, with its unit
-    published: float | None  #: The number; None where ours stands alone
+    name: str  #: Name of the quantity, with its unit
+    published: float | None  #: Published number; None where there is only ours
     #: Run and key of its record (`"probes.stress"`); a second pair divides the first
     quantity: tuple[str, ...]
-    note: str = ""  #: Where ours differs: why, and how to see it
-    #: Name of another row in whose line it stands, and its column there
+    note: str = ""  #: Why ours differs, and how to check it
+    #: Name of another row on whose line it is printed, and its column there
     beside: tuple[str, str] | None = None
 
 
 class Picture(NamedTuple):
-    """A picture of what a table's runs found."""
+    """A picture of the results of a table's runs."""
 
-    draw: Callable[[Mapping[str, Mapping[str, Any]]], Figure]  #: Records of the runs by their names
+    draw: Callable[[Mapping[str, Mapping[str, Any]]], Figure]  #: Draws records of the runs, by name
     caption: str
 
 
 class Table(NamedTuple):
     """A table or figure."""
 
-    name: str  #: `6.8`, or `figure-5.2`: what `myork reproduce` takes
+    name: str  #: `6.8` or `figure-5.2`, as `myork reproduce` takes it
     title: str  #: What it shows
     runs: dict[str, Run]  #: Runs by name
     rows: tuple[Row, ...]  #: Its numbers
     cost_s: float  #: Processor time of one thread, roughly [s]
-    note: str = ""  #: Where all rows differ: why, and how to see it
-    picture: Picture | None = None  #: Stands below its numbers
+    note: str = ""  #: Why all rows differ, and how to check it
+    picture: Picture | None = None  #: Printed below its numbers
 
 
 _WEIGHTS = ('solver.weight_essential="ns-c4"', "solver.weight_traction=1")
-#: The published form of chapter 6: order, support, kernel and weights
+#: Settings published in chapter 6: order, support, kernel and weights
 _RKCM = (
     "scene.method=rkcm",
     "approximation.order=2",
@@ -67,8 +67,8 @@ _RKCM = (
     "approximation.kernel=quintic",
     *_WEIGHTS,
 )
-#: The transformation method and the quadratic basis that figures 5.13, 5.17, 5.30 and tables 5.2,
-#: 5.3 have in the Galerkin form
+#: Transformation method and quadratic basis of the Galerkin form in figures 5.13, 5.17, 5.30 and
+#: tables 5.2, 5.3
 _RKPM = (
     "scene.method=rkpm-gauss",
     "approximation.order=2",
@@ -83,7 +83,7 @@ _RKPM = (
 
 
 def _constants(name: str, title: str, deck: str, values: dict[str, dict[str, float]]) -> Table:
-    """A table of material constants, which are those of a deck."""
+    """A table of material constants, compared with those of a deck."""
     rows = tuple(
         Row(f"{material}, {key} [N/cm²]", value, ("deck", f"material.{material}.{key}"))
         for material, constants in values.items()
@@ -93,7 +93,7 @@ def _constants(name: str, title: str, deck: str, values: dict[str, dict[str, flo
 
 
 def _aged(name: str, value: float | None, key: str, blocks: str = "", note: str = "") -> Row:
-    """The old muscle over the young one."""
+    """Ratio of the old muscle to the young one."""
     return Row(name, value, (f"old{blocks}", key, f"young{blocks}", key), note)
 
 
@@ -240,7 +240,7 @@ def _solved(number: str, title: str, deck: str, cost: float, *rows: tuple[Any, .
 def _rates(
     number: str, problem: str, rates: tuple[float | None, ...], said: str = "", note: str = ""
 ) -> Table:
-    """A figure of errors over spacings, by the published form and by a deck's default one."""
+    """A figure of errors over spacings, with the published form and with a deck's default form."""
     study = PUBLISHED_STUDIES[problem]
     forms = {"rates": study, "auto": study._replace(method="auto")}
     norms = ("L2", "H1")
@@ -264,7 +264,7 @@ _SINES = _solved(
     "5.9", f"{_BESIDE}, Poisson 3-D", "poisson_3d", 8,
     ("value in the middle, sin sin sin", 1.0, "probes.centre"),
 )
-#: The one problem without a figure of its convergence
+#: The only problem without a convergence figure
 _CUBE = _rates("5.9", "Poisson 3-D", (None, None), ", published form")
 _LINEAR = (
     _solved(
@@ -437,7 +437,7 @@ _NONLINEAR = (
 _PARTS = {
     "total": "total", "shape functions": "shape", "assembly": "assemble", "solution": "solve",
 }
-#: As published: dense QR by LAPACK, Gauss-Newton; the first of ten load steps to 100 % shear
+#: As published: dense QR by LAPACK, Gauss-Newton; first of ten load steps to 100 % shear
 _FIRST_STEP = ("load.steps=1", "boundary.y1.u_x=0.1")
 _QR = ("solver.linear=dgels",)
 _MACHINE = (
@@ -507,7 +507,7 @@ _THIRD = (_WEIGHTS[0], "approximation.order=3", "approximation.support=3.5")
 
 
 def _alone(row: Row) -> Row:
-    """The error e1 of the modes alone beside that of the reduced model."""
+    """The error e1 of the best approximation by the modes, beside that of the reduced model."""
     run, key = row.quantity
     best = (run, key.replace("e1", "best_e1"))
     return Row(f"{row.name} of the modes alone", None, best, "", (row.name, "of the modes alone"))
@@ -521,7 +521,7 @@ def _motions(
     published: tuple[float, ...],
     note: str,
 ) -> Table:
-    """A table of e1 of a motion by several readings of it, and of what the modes leave."""
+    """A table of e1 of a motion for several settings, and of the best fit by the modes."""
     runs = {name: Run("motion", deck, words) for name, words in forms.items()}
     weak = {"Galerkin form": Run("motion", deck, (_WEAK,))}
     rows = []
@@ -574,9 +574,9 @@ def _path(
     published: dict[int, tuple[float, float, float, float]],
     note: str,
 ) -> tuple[Table, Table]:
-    """Tables 6.n of times and 6.(n + 1) of errors of a path of loads, which have one run.
+    """Tables 6.n of times and 6.(n + 1) of errors along a load path, both from one run.
 
-    `published` has by numbers of modes the minutes, the share of time saved [%], e1 and e2.
+    `published` gives by number of modes the minutes, the share of time saved [%], e1 and e2.
     """
     runs = {"path": Run("path", deck, overrides, tuple(published))}
     span = "rows in the span of the modes"
@@ -602,7 +602,7 @@ def _path(
     )
 
 
-#: The phantom with 1861 source, 3723 collocation and 1277 boundary points; published are 1837, 3727
+#: The phantom with 1861 source, 3723 collocation and 1277 boundary points; published: 1837, 3727
 #: and 1320
 _MG_SIZE = (
     "phantom.size=[96,96,34]",
@@ -671,7 +671,7 @@ TABLES = {
     for table in (*_CHAPTER_4, *_LINEAR, *_NONLINEAR, *_PERFORMANCE, *_MOTION_TABLES, *_PATH_TABLES)
 }
 
-#: Figures without a number in figure or text, and where their content is seen
+#: Figures without a number in figure or text, and where to see their content
 WITHOUT_NUMBERS = {
     "3.1 to 3.9, 4.1 to 4.4": "level sets on images: docs/imaging.md, `myork segment`",
     "4.5, 4.6": (

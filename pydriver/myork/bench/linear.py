@@ -1,6 +1,6 @@
 """Rates of convergence of linear problems, Basava (2015), section 5.2.
 
-A rate is the slope of a straight line through logarithms of error and source spacing.
+A rate is the slope of a straight line fitted to the logarithms of error over source spacing.
 """
 
 from typing import Any, NamedTuple
@@ -16,18 +16,18 @@ class Study(NamedTuple):
     """A problem on several grids."""
 
     problem: str  #: Name in tables and curves
-    deck: str  #: Installed deck, or a path without its suffix
+    deck: str  #: Installed deck, or a path without suffix
     #: Points along each edge, coarsest grid first
     source: Sizes
     collocation: Sizes
     order: int = 2  #: Order of the basis; the support is one spacing more
     support: float = 3.0  #: Half width of the support in spacings
     traction: float = 1.0  #: Weight of the traction rows
-    method: str = "rkcm"  #: Form, as of `scene.method`
+    method: str = "rkcm"  #: Form, as in `scene.method`
 
     @property
     def label(self) -> str:
-        """What distinguishes it from other studies."""
+        """Settings that distinguish it from other studies."""
         density = round(self.collocation[-1][0] / self.source[-1][0], 1)
         label = f"{self.problem}, order {self.order}, support {self.support:g}h, n = {density:g}"
         return label if self.traction == 1.0 else f"{label}, traction weight {self.traction:g}"
@@ -52,7 +52,7 @@ PUBLISHED_STUDIES = {
 
 
 def study_rates(study: Study) -> dict[str, Any]:
-    """Fitted rates of a study, `L2` and `H1`, its `cases`, and the relative errors of the last."""
+    """Fitted rates of a study, `L2` and `H1`, its `cases`, and the last relative errors."""
     length = read_deck(study.deck)["geometry"]["size"][0]
     cases = []
     for source, points in zip(study.source, study.collocation, strict=True):

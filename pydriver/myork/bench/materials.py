@@ -11,5 +11,5 @@ MUSCLE = {
     "A11": -0.0043,
     "K": 5e3,
 }
-#: Rubber of section 5.3.10 with a bulk modulus of its own, per N/cm2
+#: Rubber of section 5.3.10 with its own bulk modulus, per N/cm2
 RUBBER = {"name": "rubber", "model": "polynomial", "A10": 37.3, "A20": -3.1, "A30": 0.5, "K": 5e3}

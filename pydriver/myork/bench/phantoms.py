@@ -1,9 +1,9 @@
-"""Phantom muscles that stand for those of the dissertation, whose images are not public.
+"""Phantom muscles in place of those of the dissertation, whose images are not public.
 
-The medial gastrocnemius of section 5.3.10.3, and the young and the old one of section 4.2.6, made
-with the volumes of table 4.3. Labels and fibers are the phantom's truth, so that nothing but the
-muscles differs. The outer layer of connective tissue is as thick as the published forces per total
-volume ask for: 159.9 and 128.4 cm^3 with it.
+The medial gastrocnemius of section 5.3.10.3, and the young and the old one of section 4.2.6, with
+the volumes of table 4.3. Labels and fibers are the phantom's ground truth, so that only the muscles
+differ. The thickness of the outer layer of connective tissue follows from the published forces per
+total volume: 159.9 and 128.4 cm^3 with the layer.
 """
 
 from collections.abc import Sequence
@@ -24,9 +24,9 @@ from myork.records import Image, Labels, PointCloud
 class Muscle:
     """A medial gastrocnemius."""
 
-    name: str  #: Whose it is
-    scale: float  #: Size of the calf across [-]
-    #: Part of the muscle that is fat, or connective tissue [-]
+    name: str  #: Name of its owner
+    scale: float  #: In-plane scale of the calf [-]
+    #: Fraction of the muscle that is fat, or connective tissue [-]
     imat: float
     imct: float
     layer: float = 1.9  #: Thickness of the connective tissue around it in a calf of scale 1 [mm]
@@ -46,7 +46,7 @@ _ENDS = {
     "boundary": [{"set": end, **_FIXED} for end in ("bottom", "top")],
     "probe": [{"name": end, "quantity": "force_z", "set": end} for end in ("bottom", "top")],
 }
-#: Deck of the aged muscles: properties pass smoothly from tissue to tissue over two spacings, and
+#: Deck of the aged muscles: properties vary smoothly from tissue to tissue over two spacings, and
 #: every point has the fiber measured there, so that fat and connective tissue do not contract
 AGED = {
     "title": "Isometric contraction of a medial gastrocnemius of three materials",
@@ -85,7 +85,7 @@ def strided_cloud(
 ) -> PointCloud:
     """Points of a label map as `build` makes them with these keys.
 
-    `stride` is voxels along the edges of a block, which is a source and a collocation point.
+    `stride`: voxels along the edges of a block, which is a source and a collocation point.
     """
     strides = dict.fromkeys(("collocation_stride", "source_stride"), list(stride)) if stride else {}
     return build_cloud(labels, fiber, {**table_defaults("build"), **strides, **keys}, "cm")[0]
@@ -94,7 +94,7 @@ def strided_cloud(
 def aged_cloud(muscle: Muscle, block: int) -> PointCloud:
     """Points of a muscle of three materials, for the deck `AGED`.
 
-    `block` is pixels along the edge of a block; each block is a source point.
+    `block` is the number of pixels along the edge of a block; each block is a source point.
     """
     labels, fiber = labelled(muscle)
     return strided_cloud(labels, fiber, (block, block, 1), ids=[1, 2, 3], merge="sample")
@@ -122,8 +122,8 @@ def labelled(muscle: Muscle) -> tuple[Labels, Image]:
 def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
     """Points of the phantom's medial gastrocnemius, for the deck `GASTROCNEMIUS`.
 
-    `block` is pixels along the edge of a block, `fiber` one direction for all fibers, shape `(3,)`;
-    the phantom's without it.
+    `block` is the number of pixels along the edge of a block; `fiber` is one direction for all
+    fibers, shape `(3,)`, by default the fibers of the phantom.
     """
     phantom = make_phantom()
     fibers = phantom.fiber
@@ -134,7 +134,7 @@ def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
 
 
 def inclined(mean: NDArray[Any], angle: float) -> NDArray[Any]:
-    """A direction so many degrees from the axis of the leg, leaning as a mean of fibers does."""
+    """A direction at an angle in degrees to the leg axis, inclined to the side of a mean fiber."""
     side = mean[:2] / np.linalg.norm(mean[:2])
     turn = np.radians(angle)
     return np.array([*(np.sin(turn) * side), np.cos(turn)])

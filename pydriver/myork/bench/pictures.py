@@ -1,6 +1,6 @@
-"""Pictures of the dissertation's figures: what was found beside the truth, and curves.
+"""Pictures of the dissertation's figures: segmentation beside the ground truth, and curves.
 
-Each function draws the records of the runs of a table, by their names.
+Each function draws the records of the runs of a table, given by name.
 """
 
 from __future__ import annotations
@@ -19,19 +19,19 @@ from myork.types import I32, Mask
 
 
 def gastrocnemius(records: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Slices with the muscle found beside the true one."""
+    """Slices with the segmented muscle beside the true one."""
     record = records["enriched"]
     return _agreement(record["truth"].data > 0, record["found"].data > 0, record["anatomy"])
 
 
 def connective_tissue(records: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Slices with the connective tissue found beside the true one."""
+    """Slices with the segmented connective tissue beside the true one."""
     record = records["tissue"]
     return _agreement(record["truth"].data == 3, record["labels"].data == 3, record["image"])
 
 
 def _agreement(truth: Mask, found: Mask, image: Image) -> Figure:
-    """Where a tissue was found, missed, or found beyond the truth."""
+    """Voxels where a tissue is found correctly, missed, or found in excess."""
     kinds: I32 = np.where(truth, np.where(found, 1, 2), np.where(found, 3, 0)).astype(np.int32)
     names = {1: "found", 2: "missed", 3: "too much"}
     return slice_figure(Labels(kinds, image.affine, names), image, None)
@@ -46,7 +46,7 @@ def young_and_old(records: Mapping[str, Mapping[str, Any]]) -> Figure:
 def both_fields(
     records: Mapping[str, Mapping[str, Any]], axes: tuple[int, int], name: str, exact: float
 ) -> Figure:
-    """A component of the Cauchy stress in the deformed body, its middle plane, by both methods."""
+    """A component of the Cauchy stress in the mid-plane of the deformed body, by both methods."""
     figure = Figure(figsize=(10.5, 4.6), layout="constrained")
     planes = {}
     for form, record in records.items():
@@ -54,7 +54,7 @@ def both_fields(
         middle = np.abs(depth - depth.mean()) < 0.01 * np.ptp(depth)
         planes[form] = record["ends"][middle], record["cauchy"][:, axes[0], axes[1]][middle]
     stresses = np.concatenate([stress for _, stress in planes.values()])
-    # one scale without the corners, where stresses are singular; what is within 1 % has one colour
+    # one scale without the corners (singular stresses); values within 1 % have one colour
     low, high = np.quantile(stresses, [0.05, 0.95])
     low, high = min(low, exact - 0.01 * abs(exact)), max(high, exact + 0.01 * abs(exact))
     panels = figure.subplots(1, len(planes), sharey=True)
@@ -70,7 +70,7 @@ def both_fields(
 
 
 def both_curves(records: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Stress in the middle and reaction over the load by both methods."""
+    """Stress at the centre and reaction over the load by both methods."""
     series = [Series(form.upper(), record["history"]) for form, record in records.items()]
     return probe_figure(series, {"stress_zz": "N/cm²", "reaction": "N"})
 

@@ -1,7 +1,7 @@
 """Tables and figures of the dissertation, computed again from decks of the package.
 
-What is computed, and from which deck, is data in `dissertation`. One loop runs what is asked for
-and puts ours beside the published number.
+`dissertation` lists, as data, what is computed and from which deck. One loop runs the requested
+tables and prints our numbers beside the published ones.
 """
 
 from __future__ import annotations
@@ -52,9 +52,9 @@ from myork.stations.build import build
 from myork.stations.segment import segment
 from myork.types import F64
 
-#: A number further from the published one has a reason
+#: A number that is further from the published one needs a reason
 FAR = 0.2
-#: Runs longer than this are said to be long [s]
+#: Runs longer than this are announced as long [s]
 _LONG = 60.0
 
 Record = Mapping[str, Any]
@@ -72,7 +72,7 @@ def _deck(run: Run, progress: ProgressCallback) -> Record:
 def _solve(run: Run, progress: ProgressCallback) -> Record:
     """A solve of a deck; `two` are the times of shape functions and two iterations [s]."""
     case = solved(run.deck, run.overrides, look=_last_fields)
-    # parts are measured in wall time: a machine that others use gives the process a share of it
+    # parts are measured in wall time: on a shared machine the process gets only a share of it
     share = case["cpu_s"] / case["timings_s"]["total"]
     of_two = 2.0 / max(case["iterations"], 1)
     factors = {"shape": share, "assemble": of_two * share, "solve": of_two * share}
@@ -81,7 +81,7 @@ def _solve(run: Run, progress: ProgressCallback) -> Record:
 
 
 def _last_fields(folder: Path) -> Record:
-    """Where points of a solve end, shape `(n, 3)`, and their stress, shape `(n, 3, 3)`."""
+    """Deformed positions of the points, shape `(n, 3)`, and their stress, shape `(n, 3, 3)`."""
     with Results(folder) as results:
         if "cauchy" not in results.fields:
             return {}
@@ -100,7 +100,7 @@ def _rates(run: Run, progress: ProgressCallback) -> Record:
 def _segment(run: Run, progress: ProgressCallback) -> Record:
     """Dice and Pearson's coefficient of the gastrocnemius: means over its slices, and two slices.
 
-    Slices 15 and 30 of the dissertation's 33 are those at the same part of the height.
+    The two slices lie at the same relative height as slices 15 and 30 of the dissertation's 33.
     """
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         out = Path(folder)
@@ -114,26 +114,26 @@ def _segment(run: Run, progress: ProgressCallback) -> Record:
 
 
 def by_slice(score: Record) -> dict[str, float]:
-    """Means over slices, and those at the places of the dissertation's slices 15 and 30 of 33."""
+    """Means over slices, and values at the places of the dissertation's slices 15 and 30 of 33."""
     count = len(score["dice_by_slice"])
     places = {number: round((number - 0.5) / 33 * count - 0.5) for number in (15, 30)}
     record: dict[str, float] = {}
     for key in ("dice", "pcc"):
         slices = np.array(score[f"{key}_by_slice"], float)
-        # one of empty slices alone is not a number
+        # the coefficient of an empty slice is not a number
         record[key] = float(np.nanmean(slices)) if np.isfinite(slices).any() else np.nan
         record |= {f"{key}_{number}": float(slices[k]) for number, k in places.items()}
     return record
 
 
 def _gastrocnemius(labels: Labels) -> Labels:
-    """The gastrocnemius as label 1, of which the truth of all muscles has the first number."""
+    """The gastrocnemius as label 1; it is label 1 in the ground truth of all muscles."""
     found = (n for n, name in labels.names.items() if name == "medial_gastrocnemius")
     return replace(labels, data=(labels.data == next(found, 1)).astype(np.int32))
 
 
 def _tissue(run: Run, progress: ProgressCallback) -> Record:
-    """Dice of fat and connective tissue of a leg, and of the latter by fuzzy clusters alone."""
+    """Dice of fat and connective tissue of a leg, and of the latter by fuzzy clustering alone."""
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         out = Path(folder)
         found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
@@ -150,7 +150,7 @@ def _tissue(run: Run, progress: ProgressCallback) -> Record:
 
 
 def _aged(run: Run, progress: ProgressCallback) -> Record:
-    """Young or old muscle at full activation: force at its top [N], volumes of images [cm^3]."""
+    """Young or old muscle at full activation: force at its top [N], image volumes [cm^3]."""
     name, _, pixels = str(run.more).partition(", ")
     muscle, block = {"young": YOUNG, "old": OLD}[name], int(pixels.split()[0]) if pixels else 4
     labels, _ = labelled(muscle)
@@ -182,7 +182,7 @@ def _fibers(run: Run, progress: ProgressCallback) -> Record:
 
 
 def _motion(run: Run, progress: ProgressCallback) -> Record:
-    """Error e1 of a motion by numbers of modes, by Cholesky's factor as published."""
+    """Error e1 of a motion by number of modes, with a Cholesky factor as published."""
     with Scene(INPUTS / f"{run.deck}.toml", run.overrides, threads=1) as scene:
         states = scene.solve(error=False)
         full = PathStates.of(scene, states.x, states.load)
@@ -192,16 +192,16 @@ def _motion(run: Run, progress: ProgressCallback) -> Record:
 
 
 def _strong(scene: Scene) -> bool:
-    """Whether the equations are those of collocation, of which Cholesky's factor is published."""
+    """Whether the equations are those of collocation, for which a Cholesky factor is published."""
     return str(scene.deck["scene"]["method"]).startswith("rkcm")
 
 
 def _path(run: Run, progress: ProgressCallback) -> Record:
-    """Errors and times of a path of loads, full and by numbers of modes.
+    """Errors and times along a load path, of the full model and by number of modes.
 
-    Rows of collocation are assembled in full and projected, and Cholesky's factor is taken. Beside
-    them stand rows in the span of the modes (`span`), and the time of the full model by `auto`
-    beside that by dense QR, which is that of an iteration times their number.
+    Collocation rows are assembled in full and projected, and a Cholesky factor is used. For
+    comparison: rows in the span of the modes (`span`), and the time of the full model by `auto`
+    beside that by dense QR, which is the time of one iteration times the number of iterations.
     """
     assert isinstance(run.more, tuple)
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
@@ -224,7 +224,7 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
             dense = auto
             if published:
                 progress(f"{run.deck}: an iteration by dense QR")
-                # last: the scene keeps its single load step
+                # last, because the scene keeps its single load step
                 dense = _dense_iteration(scene, states.x[-1]) * int(states.iterations.sum())
     for entry in record.values():
         entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / dense)}
@@ -232,7 +232,7 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
 
 
 def _images(run: Run) -> tuple[str, ...]:
-    """Overrides of what is made of images."""
+    """Overrides for models built from images."""
     return tuple(word for word in run.overrides if word.startswith(("phantom", "image", "build")))
 
 
@@ -246,7 +246,7 @@ def _dense_iteration(scene: Scene, start: F64) -> float:
     return time.process_time() - before
 
 
-#: What a kind of run computes: a record with the quantities of its rows
+#: Functions by kind of run; each returns a record with the quantities of its rows
 RUNS: dict[str, Callable[..., Record]] = {
     "deck": _deck,
     "solve": _solve,
@@ -289,7 +289,7 @@ def find_tables(names: Sequence[str]) -> list[Table]:
 
 
 def list_tables() -> str:
-    """All tables and figures with numbers, their decks and costs; then those without."""
+    """All tables and figures with numbers, their decks and costs, then those without numbers."""
     lines = [f"{'name':<12} {'CPU [s]':>8}  {'deck':<21} what"]
     for entry in TABLES.values():
         decks = list(dict.fromkeys(run.deck for run in entry.runs.values()))
@@ -308,11 +308,11 @@ def reproduce(
     progress: ProgressCallback = silent,
     show: Callable[[str], None] = silent,
 ) -> dict[str, Any]:
-    """Compute tables and figures again, and put ours beside the published numbers.
+    """Compute tables and figures again, and compare ours with the published numbers.
 
-    - `names`: as of `find_tables`
+    - `names`: as in `find_tables`
     - `out`: folder of `reproduce.json`, `reproduce.md` and `reproduce.html`
-    - `show`: called with the text of each table that is finished
+    - `show`: called with the text of each finished table
     - returns content of `reproduce.json`: `rows`, each with `table`, `row`, `published`, `ours`,
       `ratio`, `cpu_s` (of the runs that the row reads), `note` and, where there is no number,
       `ended`
@@ -340,7 +340,7 @@ def reproduce(
                 write_figure(out / _picture(entry.name), pictures[entry.name])
             text = _text(entry, rows[entry.name], entry.name in pictures)
             show("\n".join([*_runs_text(entry), text]))
-            # after each one: a later one that is stopped costs nothing that was computed
+            # written after each table: stopping a later one loses nothing already computed
             done = [own for own in order if own.name in rows]
             content["rows"] = [row for own in done for row in rows[own.name]]
             write_json(out / "reproduce.json", content)
@@ -352,24 +352,24 @@ def reproduce(
 
 
 def compute(entry: Table, records: dict[Run, Record], progress: ProgressCallback) -> None:
-    """Run what a table reads and `records` lacks; each with its processor time."""
+    """Run what a table needs and `records` lacks, and record the processor time of each run."""
     for run in entry.runs.values():
         if run not in records:
             records[run] = _record(run, progress)
 
 
 def _picture(name: str) -> str:
-    """File of a table's picture in the folder of the results."""
+    """File name of a table's picture in the folder of the results."""
     return f"reproduced/{name}.png"
 
 
 def rows_of(entry: Table, records: Mapping[Run, Record]) -> list[dict[str, Any]]:
-    """Rows of a table whose runs are computed; see `reproduce`."""
+    """Rows of a table whose runs are finished; see `reproduce`."""
     return [_row(entry, row, records) for row in entry.rows]
 
 
 def _record(run: Run, progress: ProgressCallback) -> Record:
-    """What a run computes, and its processor time."""
+    """Record of a run, and its processor time."""
     before = _spent()
     try:
         record = dict(RUNS[run.kind](run, progress))
@@ -379,13 +379,13 @@ def _record(run: Run, progress: ProgressCallback) -> Record:
 
 
 def _spent() -> float:
-    """Processor time of this process and of those that it has ended [s]."""
+    """Processor time of this process and of its finished child processes [s]."""
     both = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
     return sum(one.ru_utime + one.ru_stime for one in both)
 
 
 def _row(entry: Table, row: Row, records: Mapping[Run, Record]) -> dict[str, Any]:
-    """A row: published and ours."""
+    """A row: published number and ours."""
     names, keys = row.quantity[::2], row.quantity[1::2]
     read = [records[entry.runs[name]] for name in names]
     values = [entry_of(record, key) for record, key in zip(read, keys, strict=True)]
@@ -424,7 +424,7 @@ def _runs_text(entry: Table) -> list[str]:
 
 
 def _notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Reasons of rows, of those that are far first, each once."""
+    """Notes of the rows, those of large deviations first, each once."""
     ordered = sorted(rows, key=lambda row: not row["far"])
     notes = dict.fromkeys(row["note"] for row in ordered if row["note"])
     ended = dict.fromkeys(row["ended"] for row in rows if "ended" in row)
@@ -441,7 +441,7 @@ def _heading(name: str) -> str:
 
 
 def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
-    """A table as `reproduce.md` has it."""
+    """A table as written to `reproduce.md`."""
     lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
     heads, cells = _grid(entry, rows, r" \*")
     lines += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
@@ -454,7 +454,7 @@ def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
 def _grid(
     entry: Table, rows: Sequence[Mapping[str, Any]], far: str
 ) -> tuple[list[str], list[list[str]]]:
-    """Columns and lines of a table as text; `far` marks what is far off."""
+    """Columns and lines of a table as text; `far` marks large deviations."""
     beside = {row.name: row.beside for row in entry.rows if row.beside}
     more = {beside[row["row"]]: _number(row["ours"]) for row in rows if row["row"] in beside}
     columns = list(dict.fromkeys(column for _, column in more))
@@ -474,7 +474,7 @@ def _grid(
 
 
 def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | None) -> Section:
-    """A table as `reproduce.html` has it."""
+    """A table as written to `reproduce.html`."""
     parts = [Markup("<p><code>{}</code></p>").format(line) for line in _runs_text(entry)]
     if picture is not None and entry.picture is not None:
         parts.append(figure(picture, entry.picture.caption))
@@ -484,7 +484,7 @@ def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | 
 
 
 def _about(content: Mapping[str, Any], done: Sequence[Table]) -> str:
-    """What was computed, and how much of it is far off."""
+    """What was computed, and how many numbers deviate strongly."""
     far = [row["row"] for row in content["rows"] if row["far"]]
     times = sum(name.endswith(("[s]", "[min]")) for name in far)
     return (
@@ -501,7 +501,7 @@ def _call(done: Sequence[Table]) -> str:
 
 
 def _page(content: Mapping[str, Any], done: Sequence[Table], sections: list[Section]) -> str:
-    """The page of the browser."""
+    """The HTML page."""
     footer = Markup("Made by <code>{}</code>; all numbers: <code>reproduce.json</code>")
     about = f"Computed by myork {_about(content, done)}"
     return Page("Tables and figures", sections, footer.format(_call(done)), about=about).text()
@@ -524,7 +524,7 @@ def _sentence(text: str) -> str:
 
 
 def entry_of(case: Mapping[str, Any], key: str) -> Any:
-    """An entry of nested mappings and lists by its key, as `probes.stress`; None without it."""
+    """Entry of nested mappings and lists by a key such as `probes.stress`; None if missing."""
     value: Any = case
     for part in key.split("."):
         if isinstance(value, Sequence) and part.isdigit():

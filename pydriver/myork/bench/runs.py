@@ -1,4 +1,4 @@
-"""Solves of decks by their names, on one thread, each as one record."""
+"""Solves of decks by name, on one thread, each giving one record."""
 
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -26,7 +26,7 @@ def read_deck(deck: Deck, overrides: Sequence[str] = ()) -> dict[str, Any]:
 def lattice(source: Sequence[int], collocation: Sequence[int] = ()) -> tuple[str, str]:
     """Overrides for source points along each edge, and collocation points.
 
-    Without these, one is put between each two source points.
+    Without `collocation`, one collocation point is put between each two source points.
     """
     sizes = source, collocation or [2 * n - 1 for n in source]
     words = ("[" + ",".join(str(n) for n in size) + "]" for size in sizes)
@@ -45,9 +45,9 @@ def solved(
 ) -> dict[str, Any]:
     """Solve a deck with one thread, without error bars.
 
-    - `cloud`: points of the body, where the tables want a model
-    - `look`: called with the folder of the results before it is removed; what it returns joins the
-      record
+    - `cloud`: points of the body, for tables that need a model
+    - `look`: called with the folder of the results before it is removed; the record is extended by
+      what it returns
     - returns the summary with `iterations` of all steps, `probes` of the last one, and `history`,
       all steps
     - raises ConvergenceError: the full load was not reached
@@ -63,7 +63,7 @@ def solved(
                 source, out, overrides=overrides, threads=1, verbosity=-1, error=False
             )
         except RefusedError:
-            # an answer that is refused converged none the less, and its numbers are on record
+            # a refused answer has converged all the same, and its numbers are on record
             summary = read_summary(out)
         seen = look(out) if look else {}
     steps = summary["steps"]
@@ -76,7 +76,7 @@ def solved(
 
 
 def path_of(deck: str | Path) -> Path:
-    """File of a deck."""
+    """Path of a deck file."""
     path = deck if isinstance(deck, Path) else INPUTS / f"{deck}.toml"
     if not path.is_file():
         raise InputError(f"{path}: there is no such deck")

@@ -1,4 +1,4 @@
-"""The compiled core: what Python hands to it and gets from it; only this room imports it."""
+"""The compiled core: conversion of its arguments and results; only this subpackage imports it."""
 
 from myork.errors import InputError, InstallationError, cure_of
 

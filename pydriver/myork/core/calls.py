@@ -1,8 +1,8 @@
-"""Calls into the core that take long, or that must not meet.
+"""Calls into the core that take long, or that must not overlap.
 
-The core keeps one set of working arrays for each scene, and Python's threads run on while a
-compiled call lasts. A long call runs in a thread of its own: the calling thread stays free for
-Ctrl-C and progress, and always waits for the end of the call before it goes on.
+The core keeps one set of working arrays for each scene, and other Python threads keep running
+during a compiled call. A long call runs in a separate thread: the calling thread stays free for
+Ctrl-C and progress, and always waits for the end of the call before it continues.
 """
 
 import ctypes
@@ -24,9 +24,9 @@ from myork.errors import InputError, check
 
 
 def called(function: Callable[..., Any], *arguments: Any) -> Any:
-    """What a function of the core gives before its status and message; a single value by itself.
+    """Results of a function of the core without its status and message; a single value by itself.
 
-    A status that is an error is raised.
+    An error status is raised as an exception.
     """
     *found, stat, message = function(*arguments)
     check(stat, message)
@@ -34,13 +34,13 @@ def called(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 def answer(handle: int, question: str, *given: ArrayLike, word: str = "") -> dict[str, Any]:
-    """What the core says of an open scene: arrays, numbers and texts by their names.
+    """Answer of the core about an open scene: arrays, numbers and texts by name.
 
     - `question`: a question of rk_questions
-    - `given`: the numbers that it needs, one after the other
-    - `word`: the word that it needs
+    - `given`: the numeric arguments of the question, one after the other
+    - `word`: its text argument
     """
-    # the wrapper takes no empty arrays: one number more, which the core leaves out
+    # the wrapper takes no empty arrays: append one number, which the core ignores
     numbers = np.concatenate([np.ravel(array, order="F") for array in (*given, 0.0)])
     asked = handle, question.encode(), word.encode() or b" ", numbers
     forms, count = called(_core.scene_ask, *asked)
@@ -59,7 +59,7 @@ def answer(handle: int, question: str, *given: ArrayLike, word: str = "") -> dic
 
 
 class Turn:
-    """Whose turn it is in a scene: short calls wait for each other, none waits for a solve."""
+    """Access to a scene: short calls wait for each other, none waits for a solve."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
@@ -67,7 +67,7 @@ class Turn:
 
     @contextmanager
     def short(self) -> Iterator[None]:
-        """Have the scene alone for a moment."""
+        """Exclusive access to the scene for a short call."""
         if not self._lock.acquire(blocking=self._solver is None):
             raise InputError(_BUSY)
         try:
@@ -77,7 +77,7 @@ class Turn:
 
     @contextmanager
     def long(self) -> Iterator[None]:
-        """Have the scene alone for a solve."""
+        """Exclusive access to the scene for a solve."""
         with self.short():
             self._solver = threading.get_ident()
             try:
@@ -92,7 +92,7 @@ class Turn:
 
     @contextmanager
     def last(self, stop: Callable[[], None]) -> Iterator[None]:
-        """Have the scene alone for good: a solve is asked to stop and waited for."""
+        """Exclusive access for good: a running solve is asked to stop and waited for."""
         while not self._lock.acquire(timeout=_INTERVAL_S):
             stop()
         try:
@@ -101,7 +101,7 @@ class Turn:
             self._lock.release()
 
 
-#: What the numbers of an answer are, as in rk_handles
+#: Kinds of values in an answer, as in rk_handles
 _REAL, _TEXT = "0", "2"
 
 _BUSY = (
@@ -112,20 +112,20 @@ _BUSY = (
 _INTERVAL_S = 0.05
 
 
-#: A search for points that takes longer is a warning, which Python shows without being asked [s]
+#: A search for points that takes longer logs warnings, which Python shows by default [s]
 _LONG_S = 10.0
 _LISTENER = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_char_p)
 
 
 @contextmanager
 def listening(progress: Callable[[str], None] | None) -> Iterator[int]:
-    """Address of a C function to which a search for points hands its lines.
+    """Address of a C function to which a search for points passes its lines.
 
     The core calls it often, with empty lines between the others, and stops when it returns 1: a
     signal or an error of `progress` ends the search, and is raised at the end of the block.
 
     - `progress`: called with every line; without it lines go to the logger `myork`, as information,
-      or as warnings where the search lasts
+      or as warnings once the search takes long
     """
     began = time.monotonic()
     failures: list[BaseException] = []
@@ -153,14 +153,14 @@ def listening(progress: Callable[[str], None] | None) -> Iterator[int]:
 def call_in_thread(
     work: Callable[[], None], poll: Callable[[], None], stop: Callable[[], None]
 ) -> bool:
-    """Run a compiled call in a thread and wait for its end, whatever happens meanwhile.
+    """Run a compiled call in a thread and wait for its end in every case.
 
-    - `work`: the call; what it raises is raised here
-    - `poll`: called again and again while it runs; if it raises, the call is stopped and waited for
+    - `work`: the call; its exceptions are raised here
+    - `poll`: called repeatedly while it runs; if it raises, the call is stopped and waited for
       first
     - `stop`: asks the call to end soon
-    - returns whether Ctrl-C (or SIGTERM, where it is handled like that) came; the call was asked to
-      stop
+    - returns whether Ctrl-C (or SIGTERM, where it is handled likewise) arrived; the call was asked
+      to stop
     """
     done = threading.Event()
     failures: list[BaseException] = []
@@ -176,7 +176,7 @@ def call_in_thread(
     with interrupts_held() as interrupts:
         threading.Thread(target=run, daemon=True).start()
         while not done.wait(_INTERVAL_S):
-            # again and again: the call may only have begun and set itself going after a first one
+            # repeatedly: a call that has only just begun may clear the first request
             if interrupts or failures:
                 stop()
                 continue
@@ -195,9 +195,9 @@ def interrupts_held(
 ) -> Iterator[list[int]]:
     """Collect SIGTERM and SIGINT while a block lasts.
 
-    - `hear`: called at each with how many came so far
-    - `all_handlers`: whether handlers that others have set are replaced as well, else only those
-      that would raise KeyboardInterrupt at any place of this thread
+    - `hear`: called at each signal with the number received so far
+    - `all_handlers`: whether handlers set by others are replaced too; otherwise only those that
+      would raise KeyboardInterrupt at any place of this thread
     """
     caught: list[int] = []
 
@@ -207,7 +207,7 @@ def interrupts_held(
 
     before: dict[int, Any] = {}
     try:
-        # only the main thread gets signals, and may set handlers
+        # only the main thread receives signals and may set handlers
         if threading.current_thread() is threading.main_thread():
             for one in (signal.SIGTERM, signal.SIGINT):
                 if all_handlers or signal.getsignal(one) is signal.default_int_handler:

@@ -1,4 +1,4 @@
-"""What a scene checks before it calls the core: shapes and starting states."""
+"""Checks of a scene before it calls the core: shapes and starting states."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from myork.types import F64
 
 
 def shaped(name: str, array: F64, shape: tuple[int, ...]) -> F64:
-    """An array of the wanted shape: the wrapper would flatten another one silently."""
+    """An array of the wanted shape; the wrapper would silently flatten any other."""
     array = np.asarray(array, float)
     if array.shape != shape:
         raise errors.InputError(f"{name} must have shape {shape}, not {array.shape}")
@@ -25,7 +25,7 @@ def finite(name: str, array: F64, shape: tuple[int, ...]) -> None:
 
 
 def modes_of(modes: F64, dofs: int) -> F64:
-    """Modes of a model with as many unknowns, shape `(dofs, r)`, as finite numbers."""
+    """Modes checked to be finite and to match the unknowns of the model, shape `(dofs, r)`."""
     modes = np.asarray(modes, float)
     if modes.ndim != 2 or modes.shape[0] != dofs or modes.shape[1] == 0:
         raise errors.InputError(f"modes must have shape ({dofs}, r), not {modes.shape}")
@@ -37,12 +37,12 @@ def modes_of(modes: F64, dofs: int) -> F64:
 def unknowns_of(
     start: F64 | States | RestartState | str | Path, points: F64, approximation: str, dofs: int
 ) -> F64:
-    """Unknowns of a state at which the iteration of a scene begins.
+    """Unknowns of the state from which a scene starts its iteration.
 
-    - `start`: unknowns, or a state that holds them
+    - `start`: unknowns, or a state that contains them
     - `points`: collocation points of the scene, shape `(np, dimension)` [length]
-    - `approximation`: its shape functions, in words
-    - `dofs`: its unknowns
+    - `approximation`: description of its shape functions
+    - `dofs`: number of its unknowns
     """
     if isinstance(start, str | Path):
         start = restart_of(start)

@@ -10,7 +10,7 @@ from myork import errors
 from myork.model_file import checked_cloud, read_model
 from myork.records import PointCloud, Voxels
 
-# One unused point: the wrapper cannot infer the shape of nothing.
+# One unused point: the wrapper cannot infer the shape of an empty array.
 _AT, _NUMBER = np.zeros((1, 3)), np.zeros(1, np.int32)
 NO_CLOUD = PointCloud(
     _AT, np.ones((1, 3)), _AT, _NUMBER, _AT, np.ones(1), _NUMBER, _NUMBER, np.eye(1, 3),
@@ -19,13 +19,13 @@ NO_CLOUD = PointCloud(
 
 
 def model_of(deck: dict[str, Any], folder: Path, out: Path | None) -> PointCloud | None:
-    """Points of the model file of a deck; None where the deck has a geometry of its own."""
+    """Points of the model file of a deck; None where the deck has its own geometry."""
     path = model_path(deck, folder, out)
     return None if path is None else read_model(path)
 
 
 def model_path(deck: Mapping[str, Any], folder: Path, out: Path | None) -> Path | None:
-    """Model file of a deck, in the output folder or beside the deck; None where it has none."""
+    """Model file of a deck, in the output folder or beside the deck; None if it has none."""
     geometry = deck["geometry"]
     if geometry["kind"] != "model":
         return None
@@ -40,7 +40,7 @@ def model_path(deck: Mapping[str, Any], folder: Path, out: Path | None) -> Path 
 
 
 def with_cloud(tables: Mapping[str, Any], cloud: PointCloud) -> dict[str, Any]:
-    """Tables of a scene whose points are at hand; refuse a geometry of their own."""
+    """Tables of a scene with a given cloud; refuse tables with their own geometry."""
     if not isinstance(cloud, PointCloud):
         raise errors.InputError(
             f"cloud: a PointCloud is needed, not {type(cloud).__name__}: "
@@ -58,11 +58,11 @@ def with_cloud(tables: Mapping[str, Any], cloud: PointCloud) -> dict[str, Any]:
 
 
 def packed(cloud: PointCloud) -> tuple[Any, ...]:
-    """The cloud as the core takes it: one array by source point, two by point, two by entry."""
+    """The cloud as arrays for the core: one by source point, two by point, two by entry."""
     n = len(cloud.points)
     parts = np.zeros((n, 1)) if cloud.fraction is None else cloud.fraction
     active = -np.ones(n) if cloud.activation is None else cloud.activation
-    # a size of zero stands for no voxels
+    # a size of zero means no voxels
     voxels = cloud.voxels or Voxels(np.zeros((n, 3), np.int32), np.zeros(3), np.zeros(3))
     return (
         np.stack([cloud.source.T, cloud.spacing.T], axis=1),
@@ -78,7 +78,7 @@ def packed(cloud: PointCloud) -> tuple[Any, ...]:
 
 
 def check_cloud(deck: Mapping[str, Any], cloud: PointCloud) -> PointCloud:
-    """The cloud as the core takes it, with an error where it does not fit, or not to the deck."""
+    """The cloud as the core takes it; an error if it is inconsistent or does not fit the deck."""
     if deck["geometry"]["kind"] != "model":
         raise errors.InputError(
             f"--set geometry.kind={deck['geometry']['kind']}: a cloud was given, whose points are "

@@ -1,4 +1,4 @@
-"""Decks as Python sees them: the values that the compiled reader checked."""
+"""Decks in Python: the values that the compiled reader has checked."""
 
 import json
 import os
@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from myork import _core, errors
 from myork.tables import deck_text
 
-#: What stands for the file in messages about tables
+#: Name used in place of a file name in messages about tables
 NAME_OF_TABLES = "tables"
 
-# Bytes of the first try; a longer answer is asked for again with the length it has.
+# Bytes of the first attempt; a longer answer is requested again with its reported length.
 _CAPACITY = 1 << 16
 
 
@@ -28,19 +28,19 @@ def load_deck(
     """Read and check a deck.
 
     - `deck`: deck file (TOML), or its tables as data: mappings with the keys of a deck, lists of
-      them for arrays of tables. Without `title` a deck has the name of its file, data are called
+      them for arrays of tables. Without `title`, a deck is named after its file and data are named
       "scene"; data without `units` are in N and cm.
     - `overrides`: `table.key=value` each, as in `--set`; checked like the deck
     - `command`: command that will use the deck (`solve`, `rom`); the tables it needs must be there
     - returns tables by name with their defaults filled in: `deck["load"]["steps"]`, arrays of
       tables as lists: `deck["material"][0]["K"]` (an empty list where the deck has none). A key
-      without a value and without a default is absent. Beside the tables `path`, `folder` (where
-      relative paths of the deck start), `sha256` (of the text of the deck, followed by a line
-      `--set key=value` for each override), `probe_units` (unit of each probe by its name, empty for
-      ratios) and `result_units` (those of force, length, stress and volume). Of data `path` is
+      without a value and without a default is absent. Besides the tables: `path`, `folder` (base of
+      relative paths in the deck), `sha256` (of the text of the deck, followed by a line
+      `--set key=value` for each override), `probe_units` (unit of each probe by name, empty for
+      ratios) and `result_units` (those of force, length, stress and volume). For data, `path` is
       "tables", and relative paths start in the current folder.
-    - raises InputError: the deck or an override is wrong; the message has all complaints, a line
-      each: by file and line, of data by the key
+    - raises InputError: the deck or an override is wrong; the message lists all errors, one per
+      line, by file and line, or by key for data
     - raises FileError: the deck cannot be read
     """
     if isinstance(deck, Mapping):
@@ -49,23 +49,23 @@ def load_deck(
 
 
 def text_of_tables(tables: Mapping[str, Any]) -> str:
-    """TOML text of a deck that is data; title and units have defaults.
+    """TOML text of a deck given as data; title and units have defaults.
 
-    The units are those in which the schema's defaults of a muscle are given, newtons and
+    The units are those of the schema's default muscle parameters: newtons and
     centimetres.
     """
     return deck_text({"title": "scene", "units": {"force": "N", "length": "cm"}, **tables})
 
 
-#: Load steps that give the snapshots of `[rom]` where the deck takes its load in one
+#: Load steps that give the snapshots of `[rom]` where the deck applies its load in one step
 _SNAPSHOTS = 10
 
 
 def step_count(deck: Mapping[str, Any]) -> int:
     """Number of load or time steps that `myork rom` takes.
 
-    A deck that takes its load in one step has ten if more than one mode is wanted, and no fewer
-    than modes.
+    A deck that applies its load in one step gets ten steps if more than one mode is wanted, and at
+    least as many as modes.
     """
     if "dynamics" in deck:
         return round(deck["dynamics"]["end_time"] / deck["dynamics"]["time_step"])
@@ -75,18 +75,18 @@ def step_count(deck: Mapping[str, Any]) -> int:
 
 @cache
 def table_defaults(table: str) -> Mapping[str, Any]:
-    """Values that the schema gives to keys of a table which a deck leaves out."""
+    """Default values in the schema for the keys of a table."""
     return MappingProxyType(load_deck({})[table])
 
 
 def deck_key(path: str | Path, key: str, overrides: Sequence[str] = (), text: str = "") -> str:
     """The key that `--set` would set, with the name of its entry.
 
-    - `path`: deck file, or its name for messages
+    - `path`: deck file, or its name in messages
     - `key`: key as in `--set`: `material.K` is that of the first material, `material.2.K` and
       `material.fat.K` that of the second
     - `overrides`: `table.key=value` each
-    - `text`: text of the deck; empty for that of the file. It may have other faults.
+    - `text`: text of the deck; if empty, that of the file. It may have other faults.
     - raises InputError: the deck has no such key or entry
     - raises FileError: the deck cannot be read
     """
@@ -98,13 +98,13 @@ def deck_key(path: str | Path, key: str, overrides: Sequence[str] = (), text: st
 
 
 def as_texts(words: Sequence[str]) -> NDArray[np.bytes_]:
-    """Texts as Fortran has them: all of one length, filled with blanks instead of NULs."""
+    """Texts in Fortran form: all of one length, padded with blanks instead of NULs."""
     items = np.array([word.encode() for word in words] or [b""])
     return np.char.ljust(items, max(items.itemsize, 1))
 
 
 def check_deck(stat: int, message: str | bytes, text: str) -> None:
-    """Raise the core's error about a deck; lines of the text that tables became are left out."""
+    """Raise the core's error about a deck; lines of a text generated from tables are left out."""
     if text and stat != 0:
         words = message.decode("utf-8", "replace") if isinstance(message, bytes) else message
         message = re.sub(rf"\b{NAME_OF_TABLES}(:\d+)+", NAME_OF_TABLES, words)
@@ -128,7 +128,7 @@ def deck_values(
     deck: dict[str, Any] = json.loads(values)
     deck = {**deck.pop("tables"), **deck}
     for material in deck.get("material", []):
-        # JSON has no infinity and holds the word
+        # JSON has no infinity, so the value is the word
         if "K" in material:
             material["K"] = float(material["K"])
     return deck

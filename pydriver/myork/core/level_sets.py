@@ -26,16 +26,16 @@ def evolve_level_sets(
     """Evolve level sets slice by slice by the scheme of Appendix A, energy (3.29).
 
     - `channels`: values, shape `(ni, nj, nk, nchannel)` [-]
-    - `weight`: weights of the voxels' misfit, zero for voxels that take no part (whatever values
-      they hold), shape `(ni, nj, nk)` [-]
-    - `start`: first level sets, shape `(ni, nj, nk, nlevel)` [-]
+    - `weight`: weights of the voxels' misfit; zero excludes a voxel, whatever its value, shape
+      `(ni, nj, nk)` [-]
+    - `start`: initial level sets, shape `(ni, nj, nk, nlevel)` [-]
     - `spacing`: voxel sizes along the first two axes [-]
     - `mu`: weights of the contours' lengths, shape `(nlevel,)`, or one for all [-]
     - `nu`, `epsilon`, `dt`, `tolerance`, `iterations`: weight of the area, width of the step (3.16)
-      and largest time step, part of the voxels that may change their region in ten iterations at
+      and largest time step, fraction of the voxels that may change region in ten iterations at
       rest, and the largest number of iterations
-    - `lambdas`: weights of the misfit of each channel in each region, shape `(nchannel, nregion)`;
-      there are more than half of `2**nlevel` regions
+    - `lambdas`: weights of the misfit of each channel in each region, shape `(nchannel, nregion)`,
+      with more than half of `2**nlevel` regions
     - returns `phi` like `start`; `energy` at the start and after each iteration, shape
       `(iterations + 1, nk)`; `means`, shape `(nchannel, nregion, nk)`; `iterations` and `ended`
       (0 limit, 1 regions at rest, 2 no step lowers the energy), shape `(nk,)`

@@ -11,15 +11,15 @@ from myork.core.calls import called
 from myork.core.deck import load_deck, text_of_tables
 from myork.types import F64
 
-#: Keys of a `[[material]]` table that place the material in a body
+#: Keys of a `[[material]]` table that assign the material to a part of a body
 _PLACING = {"label", "where", "fiber", "fiber_angle", "activation", "amplitude"}
 
 
 class Material:
     """Material law with the keys of a `[[material]]` table in a deck.
 
-    What is not given has the value that the schema of decks gives it; which parameters a model
-    has is said in `docs/decks.md`. All of them can be read as attributes.
+    Parameters that are not given take the defaults of the deck schema; `docs/decks.md` lists the
+    parameters of each model. All of them can be read as attributes.
 
     - `name`: for messages
     - `K`: bulk modulus, positive; infinite only with `volumetric=False` below [stress]
@@ -43,11 +43,11 @@ class Material:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any]) -> "Material":
-        """Material of a `[[material]]` table, whose label and fiber direction are left out."""
+        """Material from a `[[material]]` table, without its label and fiber direction."""
         return cls(**{key: value for key, value in table.items() if key not in _PLACING})
 
     def replace(self, **changes: float | str) -> "Material":
-        """The same material with other values of some parameters."""
+        """The same material with some parameters changed."""
         return Material(self.name, **{**self._given, **changes})  # type: ignore[arg-type]
 
     def __getattr__(self, key: str) -> Any:
@@ -58,7 +58,7 @@ class Material:
 
 
 class Tangents(NamedTuple):
-    """What a row of the strong form needs at each point."""
+    """Quantities that a row of the strong form needs at each point."""
 
     stress: F64  #: First Piola-Kirchhoff stress `P[p, i, A]` [stress]
     tangent: F64  #: `C4[p, i, A, j, B] = dP_iA/dF_jB` [stress]
@@ -67,12 +67,12 @@ class Tangents(NamedTuple):
 
 
 def energy(material: Material, gradient: ArrayLike, **where: Any) -> F64:
-    """Energy per reference volume at points, shape `(n,)` [stress]; `where` as of `strong`."""
+    """Energy per reference volume at points, shape `(n,)` [stress]; `where` as in `strong`."""
     return _at_points(material, gradient, **where)[0]
 
 
 def stress(material: Material, gradient: ArrayLike, **where: Any) -> F64:
-    """First Piola-Kirchhoff stress `P[p, i, A]`, shape `(n, 3, 3)` [stress]; as `energy`."""
+    """First Piola-Kirchhoff stress `P[p, i, A]`, shape `(n, 3, 3)` [stress]; as in `energy`."""
     return _at_points(material, gradient, **where)[1]
 
 
@@ -119,7 +119,7 @@ def _at_points(
 
 
 def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
-    """Arguments of the core that stand for a material."""
+    """Arguments that describe a material to the core."""
     if volumetric and np.isposinf(material.K):
         raise errors.InputError(
             f"material '{material.name}': K = inf gives no volumetric stress: volumetric=False"
@@ -128,7 +128,7 @@ def _parameters(material: Material, volumetric: bool) -> tuple[object, ...]:
 
 
 def _points(gradient: ArrayLike, fiber: ArrayLike) -> tuple[F64, F64]:
-    """Deformation gradients and fibers with the point as last axis, or an InputError."""
+    """Deformation gradients and fibers with the point as last axis; InputError on wrong shapes."""
     f = np.asarray(gradient, float)
     if f.ndim != 3 or f.shape[1:] != (3, 3) or len(f) == 0:
         raise errors.InputError(f"gradient must have shape (n, 3, 3), not {f.shape}")

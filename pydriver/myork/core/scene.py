@@ -1,4 +1,4 @@
-"""Scenes held open in the compiled core: solve, evaluate, reduce."""
+"""Open scenes in the compiled core: solve, evaluate, reduce."""
 
 import contextlib
 import json
@@ -34,7 +34,7 @@ from myork.types import F64, I32
 class Scene(contextlib.AbstractContextManager["Scene"]):
     """A scene in memory: solve, evaluate and reduce it without files.
 
-    `Scene(path)` opens that of a deck file, `Scene.from_tables` that of data.
+    `Scene(path)` opens a deck file, `Scene.from_tables` opens data.
 
     - `path`: deck file
     - `overrides`: `"table.key=value"` each
@@ -46,14 +46,14 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
     - raises InputError: the deck, the model or the points are wrong; the message says where
     - raises FileError: the model file is missing
 
-    It has:
+    Attributes:
 
-    - `deck`: the effective deck, defaults and overrides included; it cannot be changed
+    - `deck`: the effective deck, defaults and overrides included; read-only
     - `dimension`: space dimension
     - `source_points`, `collocation_points`: numbers of points
     - `dofs`, `rows`: unknowns and equations
     - `steps`: load steps
-    - `points_found`: overrides that give the deck the points that its search found; none where
+    - `points_found`: overrides that give the deck the points that its search found; empty if
       nothing was searched
 
     >>> from myork import Scene
@@ -85,14 +85,14 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         threads: int | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> "Scene":
-        """Open a scene of data: without a file, unless the tables name one of points.
+        """Open a scene from data, without a file unless the tables name a model file.
 
         - `tables`: tables with the keys of a deck, arrays of tables as lists of mappings, or the
-          text of a deck. Without `title` the title is "scene"; without `units` forces are in N and
-          lengths in cm, the units of the defaults of a muscle, or in those of the cloud.
-        - `cloud`: points of the body, in place of a model file; the table `geometry` is left out
-          then
-        - `overrides`, `out`, `threads`, `progress`: as of `Scene`
+          text of a deck. Without `title` the title is "scene"; without `units`, forces are in N and
+          lengths in cm, the units of the default muscle parameters, or in those of the cloud.
+        - `cloud`: points of the body, in place of a model file; the table `geometry` is then left
+          out
+        - `overrides`, `out`, `threads`, `progress`: as in `Scene`
 
         >>> from myork import Scene
         >>> n = [7, 7]
@@ -121,7 +121,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         model: PointCloud | None,
         threads: int | None,
     ) -> None:
-        """Keep what the scene is opened from; the text is empty where the deck is a file."""
+        """Store what the scene is opened from; the text is empty where the deck is a file."""
         self._text, self._overrides, self._model = text, tuple(overrides), model
         self._changes: dict[str, str] = {}
         self._threads = threads or 0
@@ -130,7 +130,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
     def _open(
         self, deck: dict[str, Any], words: Sequence[str], progress: Callable[[str], None] | None
     ) -> None:
-        """Hand deck, overrides and points to the core."""
+        """Pass deck, overrides and points to the core."""
         with listening(progress) as listener:
             handle, stat, message = _core.scene_open(
                 os.fsencode(deck["path"]),
@@ -169,7 +169,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         return self._address
 
     def _ask(self, question: str, *given: ArrayLike, word: str = "") -> dict[str, Any]:
-        """What the core says of this scene, as `answer` has it."""
+        """Answer of the core about this scene, see `answer`."""
         with self._turn.short():
             return answer(self._handle, question, *given, word=word)
 
@@ -183,7 +183,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         self.close()
 
     def close(self) -> None:
-        """Give the memory back; the scene cannot be used afterwards.
+        """Free the memory; the scene cannot be used afterwards.
 
         A solve in another thread is stopped first.
         """
@@ -192,11 +192,11 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         self._close()
 
     def update(self, changes: Mapping[str, Any]) -> None:
-        """Open the scene again with other values of its keys; its points stay.
+        """Open the scene again with other values of its keys; its points are kept.
 
         - `changes`: values by key, as in `--set`: `{"material.muscle.K": 100, "load.activation":
           0.4}`
-        - raises InputError: a wrong value; the scene is as it was then
+        - raises InputError: a wrong value; the scene is unchanged
 
         >>> with Scene("inputs/muscle_block.toml") as scene:  # doctest: +SKIP
         ...     for bulk in (100, 1000):
@@ -207,7 +207,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
             raise errors.InputError("loads set by set_fields would be lost: open another scene")
         if self._model is not None and any(key.startswith("geometry.") for key in changes):
             raise errors.InputError("the points come from a model: open another scene")
-        # a value counts behind those that were set before it under another name of its key
+        # a later value must override earlier ones set under another name of its key
         every = {k: word for k, word in self._changes.items() if k not in changes}
         every |= {key: override_text(key, value) for key, value in changes.items()}
         if every == self._changes:
@@ -242,21 +242,21 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
     ) -> States:
         """Solve the full model through all load steps, and judge the answer.
 
-        A refused answer raises nothing: look at `verdict`.
+        A refused answer raises no exception: check `verdict`.
 
-        - `linear`: least squares solver; empty for the deck's
+        - `linear`: least squares solver; if empty, that of the deck
         - `progress`: called with a line after each load step
         - `error`: compute a second solution, which gives the probes their error bars
-        - `start`: state at which the iteration begins instead of at rest: unknowns of shape
-          `(dofs,)`, the last of some states, or a state of a result file, also as `"FILE"` or
+        - `start`: state from which the iteration begins instead of the state at rest: unknowns of
+          shape `(dofs,)`, `States` (the last one), or a state of a result file, also as `"FILE"` or
           `"FILE:STEP"`. It must belong to the same points and approximation. A programme whose
           amplitudes begin with other values than 0 begins there, in equilibrium with what it
-          prescribes at load time 0. For others a start saves the way to the first load step, and
+          prescribes at load time 0. Otherwise a start saves the path to the first load step, and
           decides which state is found where there are several: a body has no memory.
-        - raises ConvergenceError: a load step failed, also after halving; `states` holds those
+        - raises ConvergenceError: a load step failed, also after halving; `states` has those
           before it
-        - raises KeyboardInterrupt: Ctrl-C ended the solve after its iteration; `states` holds what
-          had converged
+        - raises KeyboardInterrupt: Ctrl-C stopped the solve after its iteration; `states` has the
+          converged states
         - raises InputError: the scene is being solved in another thread, or the start belongs to
           another scene
         """
@@ -264,7 +264,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         return self._run(linear, False, x, progress, error)
 
     def unknowns_of(self, state: F64 | States | RestartState | str | Path) -> F64:
-        """Unknowns of a state that `solve` can begin with, shape `(dofs,)`.
+        """Unknowns of a state from which `solve` can begin, shape `(dofs,)`.
 
         - raises InputError: it belongs to other points or to another approximation
         """
@@ -278,25 +278,25 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
     def surface(self) -> I32:
         """Corners of the surface's triangles among `points`, counter-clockwise from outside.
 
-        Those of a plane body fill it; there are none where the points have no lattice. Shape
-        `(m, 3)`.
+        The triangles of a plane body fill it; there are none where the points form no lattice.
+        Shape `(m, 3)`.
         """
         return np.ascontiguousarray(self._ask("surface")["surface"].T)
 
     def field_points(self) -> F64:
-        """Points where `set_fields` wants values, shape `(field_points, dimension)` [length].
+        """Points at which `set_fields` takes values, shape `(field_points, dimension)` [length].
 
         Collocation points; in weak forms the integration points, then those of the surface.
         """
         return np.asarray(self._ask("field_points")["place"].T)
 
     def set_fields(self, body_force: F64, displacement: F64, stress: F64) -> None:
-        """Set what varies from point to point, at full load; it grows in proportion to the load.
+        """Set fields that vary from point to point, at full load; they scale with the load.
 
         - `body_force`: force per undeformed volume, shape `(field_points, 3)` [force/length^3]
-        - `displacement`: taken at essential components of boundary points, same shape [length]
-        - `stress`: first Piola-Kirchhoff stress `P[point, i, A]` whose traction the other
-          components of boundary points carry, shape `(field_points, 3, 3)` [stress]
+        - `displacement`: taken at prescribed components of boundary points, same shape [length]
+        - `stress`: first Piola-Kirchhoff stress `P[point, i, A]`; its traction acts on the other
+          components of boundary points, shape `(field_points, 3, 3)` [stress]
         """
         n = len(self.field_points())
         finite("body_force", body_force, (n, 3))
@@ -306,7 +306,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         self._has_fields = True
 
     def reduce(self, modes: F64, projection: str = "auto", *, assembled: bool = False) -> None:
-        """Project the model on modes.
+        """Project the model onto modes.
 
         - `modes`: orthonormal columns, shape `(dofs, r)`
         - `projection`: `galerkin`, `least-squares`, or `auto`: least squares for collocation
@@ -317,7 +317,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         self._unknowns = modes.shape[1]
 
     def solve_reduced(self, linear: str) -> States:
-        """Solve the reduced model through all load steps; `reduce` comes first."""
+        """Solve the reduced model through all load steps; call `reduce` first."""
         return self._run(linear, True, np.zeros(self._unknowns), None, False)
 
     def linearise(
@@ -335,7 +335,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
           model
         - `load`: fraction of the full load
         - `start`: state at the start of the load step, which fixes the row weights; default `x`
-        - `reduced`: of the reduced model; `reduce` comes first
+        - `reduced`: use the reduced model; call `reduce` first
         - returns `residual`, `product`: shape `(rows,)` each; of a reduced Galerkin form `(r,)`
         - raises InputError: a wrong shape, or a state with J <= 0
         """
@@ -348,7 +348,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
     def fields(self, x: F64, load: float) -> Fields:
         """Fields of a state of the full model, coefficients of shape `(dofs,)`.
 
-        - warns RuntimeWarning: of places without a finite value: where J <= 0 there is no stress
+        - warns RuntimeWarning: some places have no finite value; where J <= 0 there is no stress
         """
         x = shaped("x", x, (self.dofs,))
         named = {name: values.T for name, values in self._ask("fields", load, x).items()}
@@ -379,7 +379,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         progress: Callable[[str], None] | None,
         estimate: bool,
     ) -> States:
-        """Solve in a thread, so that Ctrl-C and progress come through."""
+        """Solve in a thread, so that Ctrl-C and progress are handled."""
         failed: list[errors.MyorkError] = []
         said = 0
 
@@ -414,11 +414,11 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
 
 
 def _stop(handle: int) -> None:
-    """Ask a solve to end after its iteration."""
+    """Ask a solve to stop after its current iteration."""
     _core.scene_progress(handle, 1)
 
 
 def _close(handle: int, turn: Turn) -> None:
-    """Close a scene when nothing runs in it; Python calls this at its exit as well."""
+    """Close a scene when nothing runs in it; Python also calls this at exit."""
     with turn.last(lambda: _stop(handle)):
         _core.scene_close(handle)

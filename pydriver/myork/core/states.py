@@ -1,4 +1,4 @@
-"""What a scene hands out: converged states of a solve, and fields of one of them."""
+"""Results of a scene: converged states of a solve, and fields of one of them."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -21,26 +21,26 @@ class States(NamedTuple):
     min_j: F64
     max_j: F64
     solve_s: float  #: Wall time of the linear solutions [s]
-    checks_s: float  #: Wall time of what follows `backward_error` [s]
+    checks_s: float  #: Wall time of the checks that follow `backward_error` [s]
     backward_error: float  #: Largest backward error of a least squares solution
-    #: Smallest eigenvalue of the acoustic tensor, of the shear modulus at rest; where it is not
-    #: positive the state is no longer unique, shape `(nstep,)` [-]. Not a number in linear problems
-    #: and reduced models, as what follows is zero or empty there.
+    #: Smallest eigenvalue of the acoustic tensor relative to the shear modulus at rest, shape
+    #: `(nstep,)` [-]; where it is not positive the state is no longer unique. Not a number in
+    #: linear problems and reduced models, where the entries below are zero or empty.
     min_acoustic: F64
     min_acoustic_point: F64  #: Where it was found, shape `(nstep, dimension)` [length]
-    #: Sum of the forces on all boundary sets in the last state, of the largest of them [-]
+    #: Sum of the forces on all boundary sets in the last state, relative to the largest of them [-]
     force_imbalance: float
-    #: Work of the stress in the last state's own displacement less that of the forces, relative
-    #: [-]. Not a number where it is not compared: weak forms, which keep it by construction, linear
-    #: problems, and loads that `set_fields` has set.
+    #: Work of the stress less work of the forces, both in the displacement of the last state,
+    #: relative [-]. Not a number where they are not compared: weak forms, which balance them by
+    #: construction, linear problems, and loads given by `set_fields`.
     work_mismatch: float
-    #: Norms of the error of a linear problem, whose solution is known, by the names of
-    #: `summary.json`: `L2`, `H1`, `relative_L2`, `relative_H1`
+    #: Error norms of a linear problem with a known solution, by the names of `summary.json`: `L2`,
+    #: `H1`, `relative_L2`, `relative_H1`
     errors: dict[str, float]
     warnings: list[str]  #: What deserves attention, the same list as in `summary.json`
-    #: "accepted", "doubtful" or "refused"; empty for reduced models, of which nothing is judged
+    #: "accepted", "doubtful" or "refused"; empty for reduced models, which are not judged
     verdict: str
-    #: Whether the body would leave the equilibrium: one of several, and which is chance
+    #: Whether the equilibrium is unstable: it is one of several, and which one is found is chance
     unstable: bool
     reasons: list[str]  #: Reasons for doubt in the answer, and checks that were not made
     #: Estimated absolute error of each value of `Scene.probes`, shape `(nstep, nprobe, 3)`; not a
@@ -63,7 +63,7 @@ class Fields(NamedTuple):
     u: F64  #: Displacement, shape `(npoint, 3)` [length]
     f: F64  #: Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`
     cauchy: F64  #: Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress]
-    #: These and all others by the names they have in result files, shape `(npoint, components)`;
+    #: These and all other fields by their names in result files, shape `(npoint, components)`;
     #: tensors row by row
     named: dict[str, F64]
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from myork import _core
 from myork.errors import InputError
 
-#: More than any machine that shares memory has: the system would refuse to start them, and the
+#: More than any shared-memory machine has: the system would refuse to start them, and the
 #: process would end
 MOST_THREADS = 1024
 
@@ -17,7 +17,7 @@ os.register_at_fork(after_in_child=_core.work_alone)
 
 @contextmanager
 def core_threads(number: int | None) -> Iterator[None]:
-    """Let the core use so many threads inside a block, None for as many as before."""
+    """Let the core use a number of threads inside a block; None keeps the present number."""
     if number is not None and not 0 <= number <= MOST_THREADS:
         raise InputError(
             f"the number of threads must be between 1 and {MOST_THREADS}, not {number}"
@@ -30,5 +30,5 @@ def core_threads(number: int | None) -> Iterator[None]:
 
 
 def thread_count() -> int:
-    """Number of threads that the core uses where nothing else is said."""
+    """Number of threads that the core uses by default."""
     return int(_core.set_threads(0))

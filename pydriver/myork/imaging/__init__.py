@@ -1,1 +1,1 @@
-"""Images: files, geometry of their grids, and a phantom with a known answer."""
+"""Images: files, geometry of their grids, and a phantom with known ground truth."""

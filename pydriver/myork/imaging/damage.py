@@ -1,7 +1,7 @@
-"""Slices damaged by a scanner or an export, by what no anatomy does from slice to slice.
+"""Slices damaged by a scanner or an export, detected by changes that no anatomy shows.
 
-Without signal, repeated, with another signal or at another place than their neighbours, or with a
-copy of the body in the air (ghost).
+Such slices have no signal, repeat their neighbour, differ from it in brightness or position, or
+show a copy of the body in the air (ghost).
 """
 
 from typing import NamedTuple
@@ -13,29 +13,29 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import C128, F64, I64, Mask
 
-# Mean signal of a slice, of that of its neighbours, below which it has none
+# Mean signal, relative to that of the neighbours, below which a slice is empty
 _NO_SIGNAL = 0.05
-# Share of repeated slices from which on they are those of a coarser image
+# Share of repeated slices from which on they come from a coarser image
 _COARSER = 0.25
-# Factor between the signals of two slices, over that between their neighbours
+# Ratio of the signals of two slices, relative to that of their neighbours
 _JUMP = 1.4
-# Displacement of two slices against each other, over that of their neighbours [voxel]; it makes the
-# edges of both more alike by this
+# Displacement between two slices, relative to that of their neighbours [voxel], and the increase
+# in the correlation of their edges that it must bring
 _MOVED = 3.0
 _BETTER = 0.05
-# The body has this part of the bright values; its steps are compared with so many on either side
+# Threshold of the body relative to a bright percentile; number of steps compared on either side
 _BODY, _BRIGHT = 0.3, 98
-_DIM = 0.15  # the same where its darkest parts are in it, and bright ghosts
+_DIM = 0.15  # the same with its darkest parts included, and with bright ghosts
 _AROUND = 3
-# A ghost has this part of the body's brightness. What is as bright as noise correlates with the
-# body by the first of these, brighter ones by more, up to the second: dark fat does not.
-# It is away by this part of the image, and so far from the border of the body [voxel]
+# Least brightness of a ghost relative to the body. At noise level, it must correlate with the body
+# by the first of these, and brighter ones by more, up to the second: dark fat does not.
+# Least displacement as a part of the image, and distance from the border of the body [voxel]
 _GHOST = 0.02
 _LIKE = (0.5, 0.8)
 _GROWS = 3.0
 _AWAY = 0.12
 _BORDER = 4
-# So much the body's copy must vary in the air, of the square of its brightest value
+# Least variance of the body's copy in the air, relative to the square of its brightest value
 _SEEN = 0.005
 
 
@@ -43,7 +43,7 @@ class Damage(NamedTuple):
     """Slices of an image with one fault."""
 
     slices: list[int]  #: From 0, along the axis of the longest voxels
-    why: str  #: Fault
+    why: str  #: Description of the fault
 
     def said(self, name: str) -> str:
         """Warning about the file."""
@@ -59,10 +59,10 @@ def damaged_slices(image: Image) -> list[Damage]:
     """Slices of an image that cannot be anatomy.
 
     - `image`: values of one kind, shape `(ni, nj, nk)` or `(ni, nj, nk, nvolume)`; of several
-      volumes the mean is looked at
+      volumes the mean is used
     - returns `no signal` between slices with signal, `the values of the slice before`, a signal
       that differs by a factor of 1.4 and a shift of 3 voxels against the neighbours, and `a copy of
-      the body`; where all from some slice on are off, it is named alone
+      the body`; where all slices from some slice on are off, only that one is named
     """
     data = np.abs(np.asarray(image.data, float))
     data = data.mean(axis=3) if data.ndim == 4 else data
@@ -90,7 +90,7 @@ def damaged_slices(image: Image) -> list[Damage]:
 
 
 def missing_slices(labels: Labels) -> list[Damage]:
-    """Slices without any label between slices that have some: the body would be cut in two."""
+    """Slices without any label between slices with labels: the body would be cut in two."""
     data = np.asarray(labels.data)
     axis = slice_axis(labels.spacing, data.shape)
     gaps = _between(np.any(np.moveaxis(data, axis, 0) > 0, axis=(1, 2)))
@@ -107,13 +107,13 @@ def _full(signal: F64) -> Mask:
 
 
 def _between(full: Mask) -> list[int]:
-    """Empty slices that have full ones on both sides."""
+    """Empty slices between slices with signal."""
     at = np.flatnonzero(full)
     return [k for k in range(at[0], at[-1]) if not full[k]] if len(at) else []
 
 
 def _repeated(slices: F64, full: Mask) -> list[int]:
-    """Slices with all values of the one before, unless many are so: a coarser image stretched."""
+    """Slices equal to the one before, unless there are many: then a coarser image was resampled."""
     found = [
         k for k in range(1, len(slices)) if full[k] and np.array_equal(slices[k], slices[k - 1])
     ]
@@ -121,7 +121,7 @@ def _repeated(slices: F64, full: Mask) -> list[int]:
 
 
 def _signal_steps(smooth: F64, body: Mask) -> F64:
-    """Logarithm of the factor between slices, where both are body, shape `(n - 1, 1)`."""
+    """Logarithm of the signal ratio between slices, within both bodies, shape `(n - 1, 1)`."""
     steps = np.zeros((max(len(smooth) - 1, 0), 1))
     for k in range(len(steps)):
         both = body[k] & body[k + 1]
@@ -133,7 +133,7 @@ def _signal_steps(smooth: F64, body: Mask) -> F64:
 def _place_steps(smooth: F64) -> F64:
     """Displacement of the edges from each slice to the next [voxel], shape `(n - 1, 2)`.
 
-    The largest correlation of their gradients; none where it hardly is larger than without one.
+    Position of the largest correlation of their gradients; zero if hardly above that unshifted.
     """
     shape = smooth.shape[1:]
     edges = [ndimage.gaussian_gradient_magnitude(np.sqrt(one), 1.0) for one in smooth]
@@ -148,7 +148,7 @@ def _place_steps(smooth: F64) -> F64:
 
 
 def _off(whole: I64, steps: F64, bound: float) -> list[int]:
-    """Slices after a step that the steps around do not make; not those after the way back."""
+    """Slices after a step that differs from the steps around it, except after the step back."""
     found, left = [], np.zeros(steps.shape[1])
     apart = np.diff(whole)[:, np.newaxis]
     for k, step in enumerate(steps):
@@ -166,14 +166,14 @@ def _off(whole: I64, steps: F64, bound: float) -> list[int]:
 
 
 def _ghosts(whole: I64, slices: F64, smooth: F64) -> list[int]:
-    """Slices in whose air the signal goes with that of the body some way along an axis."""
+    """Slices whose air correlates with the body displaced along an axis."""
     found = []
     for k, raw, image in zip(whole, slices, smooth, strict=True):
         for part in (_BODY, _DIM):
             body = image > part * np.percentile(image, _BRIGHT)
-            # the body with what is dark in it, up to its border in rows and columns
+            # the body with its dark parts, filled up to its border in rows and columns
             inside = _filled(body) | _filled(body.T).T
-            # what was set to zero is no air
+            # voxels set to zero are not air
             air = ~ndimage.binary_dilation(inside | (raw == 0), iterations=_BORDER)
             shown = np.where(inside, image, 0.0)
             if _copied(image, air, shown) or _copied(image.T, air.T, shown.T):
@@ -183,7 +183,7 @@ def _ghosts(whole: I64, slices: F64, smooth: F64) -> list[int]:
 
 
 def _filled(body: Mask) -> Mask:
-    """Rows filled from the first voxel of the body to the last one."""
+    """Rows filled from the first to the last voxel of the body."""
     forth, back = (np.logical_or.accumulate(one, axis=1) for one in (body, body[:, ::-1]))
     return forth & back[:, ::-1]
 
@@ -198,7 +198,7 @@ def _copied(image: F64, air: Mask, shown: F64) -> bool:
     def mean(one: C128, other: F64) -> F64:
         return np.fft.irfft(one * np.fft.rfft(other, axis=1), n, axis=1).sum(axis=0) / count
 
-    # moments over the air of the image and of the body at each displacement
+    # moments of the image and of the body over the air, for each displacement
     own, body = image[air].sum() / count, mean(where, shown)
     scatter = (image[air] ** 2).sum() / count - own**2
     varies = mean(where, shown**2) - body**2

@@ -1,9 +1,9 @@
 """DICOM series, an extra of the package: a folder of slices as one image.
 
-A series is one image where no two of its files share a place; else it is parted into kinds
-(magnitude, phase) and echoes, of which one is chosen by the headers that pydicom reads. dcm2niix
-makes a NIfTI file of it: it knows the elements in which makers write b values and gradients, and
-pictures that hold all slices of a volume.
+A series is one image if no two of its files share a position. Otherwise it is split into kinds
+(magnitude, phase) and echoes, one of which is chosen by the headers that pydicom reads. dcm2niix
+makes a NIfTI file of it: it knows the elements in which manufacturers write b values and
+gradients, and mosaics that contain all slices of a volume.
 """
 
 import re
@@ -19,10 +19,10 @@ import numpy as np
 
 from myork.errors import FileError, InputError, optional
 
-# Names that promise a DICOM file
+# File names that indicate DICOM
 _SUFFIXES = (".dcm", ".dicom", ".ima")
 _KEYS = ("series", "echo", "kind")
-# Words of ImageType from the third on; what they leave to the scanner is taken as it is.
+# Words of ImageType from the third on; those that the scanner may choose freely are kept as found.
 _SPECIES = {
     **dict.fromkeys(("W", "WATER"), "water"),
     **dict.fromkeys(("F", "FAT"), "fat"),
@@ -30,9 +30,9 @@ _SPECIES = {
     **dict.fromkeys(("OP", "OPP_PHASE", "OUT_PHASE"), "opposed-phase"),
 }
 _PARTS = ("magnitude", "phase", "real", "imaginary")
-# Where GE says which of these parts an image is: 0 to 3
+# Private element in which GE codes the part of the image: 0 to 3
 _GE_PART = (0x0043, 0x102F)
-# Where Siemens, Philips and GE keep b values; GE adds a flag
+# Elements in which Siemens, Philips and GE keep b values; GE adds a flag
 _WEIGHTS = ((0x0019, 0x100C), (0x2001, 0x1003), (0x0043, 0x1039))
 _GE_FLAG = 1e9
 
@@ -52,11 +52,11 @@ class ListedImage:
     series: tuple[str, str]  #: Number and UID of its series
     echo: int  #: Number of the echo, from 1
     kind: str  #: Magnitude, phase, water and so on
-    text: str = ""  #: What chooses it, `series=5,echo=2`
+    text: str = ""  #: Text that selects it, `series=5,echo=2`
 
     @property
     def weighted(self) -> bool:
-        """Whether it is a diffusion series: several volumes, of which one has a b value."""
+        """Whether it is a diffusion series: several volumes, at least one with a b value."""
         volumes = len(self.files) > len({_place(file) for file in self.files})
         return volumes and any(_weighting(file.data) > 0 for file in self.files)
 
@@ -67,7 +67,7 @@ class ListedImage:
         return len(self.files) * float(rows[0]) * float(columns[0])
 
     def fits(self, wanted: Mapping[str, str]) -> bool:
-        """Whether it is what was asked for."""
+        """Whether it matches a choice."""
         own = {"series": self.series, "echo": (str(self.echo),), "kind": (self.kind,)}
         return all(value in own[key] for key, value in wanted.items())
 
@@ -91,21 +91,21 @@ class ListedImage:
 
 
 def split_choice(path: Path) -> tuple[Path, str]:
-    """A folder and what is chosen in it, of `DIR:series=5,echo=2,kind=phase`.
+    """A folder and the choice in it, of `DIR:series=5,echo=2,kind=phase`.
 
-    - `path`: as a deck names an image; without a choice it comes back as it is, with an empty text
+    - `path`: as a deck names an image; without a choice it is unchanged, with an empty text
     """
     found = re.fullmatch(r"(.*):(\w+=[^:]*)", path.name)
     if found is None or path.exists():
         return path, ""
-    return path.parent / found[1], found[2]  # `DIR/:series=5` as well
+    return path.parent / found[1], found[2]  # also `DIR/:series=5`
 
 
 def series_files(folder: Path, choice: str = "") -> list[DicomFile]:
-    """Files of the one image of a folder that a choice leaves.
+    """Files of the one image of a folder that a choice selects.
 
-    - `choice`: `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is known by its
-      number or its UID, echoes are counted from 1 by their times.
+    - `choice`: `series=5,echo=2,kind=phase`, or a part of it, or nothing. A series is given by its
+      number or its UID, echoes are counted from 1 in the order of their times.
     """
     images = listed_images(dicom_files(folder))
     wanted = _wanted(folder, choice)
@@ -130,7 +130,7 @@ def listed_images(files: Sequence[DicomFile]) -> list[ListedImage]:
 
     - `files`: files with pixels
     """
-    # Some tools that take names out leave no UID, or the same for all.
+    # Some anonymisers leave no UID, or the same for all.
     series: dict[tuple[str, str], list[DicomFile]] = {}
     for file in files:
         key = _text(file.data, "SeriesNumber"), _text(file.data, "SeriesInstanceUID")
@@ -155,7 +155,7 @@ def listed_images(files: Sequence[DicomFile]) -> list[ListedImage]:
 
 
 def _choices(images: Sequence[ListedImage]) -> list[ListedImage]:
-    """Images with the shortest choice of each."""
+    """Images with the shortest choice that selects each."""
     found = []
     all_series = {image.series for image in images}
     for image in images:
@@ -185,7 +185,7 @@ def _wanted(folder: Path, choice: str) -> dict[str, str]:
 
 
 def _kind(data: Any) -> str:
-    """What the values are: magnitude, phase, water and so on."""
+    """Kind of the values: magnitude, phase, water and so on."""
     words = [word.upper() for word in _words(data, "ImageType")[2:]]
     for word in words:
         if word in _SPECIES:
@@ -207,18 +207,18 @@ def _part(data: Any) -> str | None:
         value = data[_GE_PART].value
         number = int.from_bytes(value[:2], "little") if isinstance(value, bytes) else int(value)
         return _PARTS[number]
-    except Exception:  # not there, or not readable
+    except Exception:  # missing or unreadable
         return None
 
 
 def _weighting(data: Any) -> float:
-    """Diffusion weighting [s/mm^2], of the standard or of a maker; 0 without."""
+    """Diffusion weighting [s/mm^2], from the standard element or a private one; 0 without."""
     found = _finite(data, "DiffusionBValue")
     for key in _WEIGHTS:
         try:
             value = data[key].value
             found = found or [float(np.ravel(value)[0]) % _GE_FLAG]
-        except Exception:  # not there, or not readable
+        except Exception:  # missing or unreadable
             continue
     if not found and "DIFFUSION" in _words(data, "ImageType"):
         return 1.0
@@ -226,13 +226,13 @@ def _weighting(data: Any) -> float:
 
 
 def _echo(data: Any) -> float:
-    """Echo time [ms], or the number of the echo where there is no time."""
+    """Echo time [ms]; without a time, the number of the echo."""
     found = _finite(data, "EchoTime") or _finite(data, "EchoNumbers")
     return round(found[0], 2) if found else 0.0
 
 
 def _place(file: DicomFile) -> tuple[float, ...] | Path:
-    """Position and orientation; the file itself where it has none."""
+    """Position and orientation; the path of the file where it has none."""
     place = _finite(file.data, "ImagePositionPatient")
     turn = _finite(file.data, "ImageOrientationPatient")
     return tuple(np.round([*place, *turn], 3).tolist()) if len(place) == 3 else file.path
@@ -246,7 +246,7 @@ def _words(data: Any, key: str) -> list[str]:
     """Words of an element; none where it is missing or damaged."""
     try:
         value = data.get(key)
-    except Exception:  # pydicom converts when asked, and raises what it likes
+    except Exception:  # pydicom converts on access, and raises any exception
         return []
     many = isinstance(value, Iterable) and not isinstance(value, str | bytes)
     return [str(one).strip() for one in (value if many else [value]) if one is not None]
@@ -257,7 +257,7 @@ def _text(data: Any, key: str) -> str:
 
 
 def _finite(data: Any, key: str) -> list[float]:
-    """Finite numbers of an element; none where one of them is not."""
+    """Finite numbers of an element; none if one of them is not finite."""
     try:
         found = [float(word) for word in _words(data, key)]
     except ValueError:
@@ -266,7 +266,7 @@ def _finite(data: Any, key: str) -> list[float]:
 
 
 def stack_files(folder: Path, choice: str = "") -> list[DicomFile]:
-    """Files of a series of single slices, in evenly spaced places; others are refused.
+    """Files of a series of single slices at even spacing; other series are refused.
 
     - `choice`: which of several images, see `series_files`
     """
@@ -302,10 +302,10 @@ def stack_files(folder: Path, choice: str = "") -> list[DicomFile]:
 def converted(
     folder: Path, files: Sequence[DicomFile], wanted: str, *options: str
 ) -> Iterator[Path]:
-    """A NIfTI file of an image of a folder while the context lasts, made by dcm2niix.
+    """A NIfTI file of an image of a folder, made by dcm2niix; it exists while the context lasts.
 
     - `files`: of the image
-    - `wanted`: suffix of what it must make once: `.nii`, or `.bvec` for a diffusion series
+    - `wanted`: suffix of the one file it must produce: `.nii`, or `.bvec` for a diffusion series
     - `options`: of dcm2niix
     """
     converter = optional("dcm2niix", "dicom", folder).bin
@@ -315,7 +315,7 @@ def converted(
         made.mkdir()
         for number, file in enumerate(files):
             (there / f"{number}.dcm").symlink_to(file.path.resolve())
-        # the folder is that of one image: what dcm2niix would part, as by echoes, stays together
+        # the folder contains one image: keep together what dcm2niix would split, as by echo
         command = [converter, "-b", "n", "-z", "n", *options, "-f", "image", "-o", made, there]
         try:
             done = subprocess.run(command, capture_output=True, text=True, errors="replace")
@@ -338,7 +338,7 @@ def converted(
 
 
 def dicom_files(folder: Path) -> list[DicomFile]:
-    """All DICOM images of a folder, one at least; of the folders below where it holds none."""
+    """All DICOM images of a folder (at least one); of its subfolders if it contains none itself."""
     dicom = optional("pydicom", "dicom", folder)
     for paths in (folder.iterdir(), folder.rglob("*")):
         found = [_read(dicom, path) for path in sorted(paths) if path.is_file()]
@@ -349,7 +349,7 @@ def dicom_files(folder: Path) -> list[DicomFile]:
 
 
 def _read(dicom: Any, path: Path) -> DicomFile | None:
-    """A file with pixels, None for one that is not a DICOM image."""
+    """A file with pixels; None for a file that is not a DICOM image."""
     try:
         with path.open("rb") as file:
             file.seek(128)
@@ -368,7 +368,7 @@ def _read(dicom: Any, path: Path) -> DicomFile | None:
         kinds = [getattr(head.get(key), "name", "") for head, key in (
             (data, "SOPClassUID"), (data.file_meta, "MediaStorageSOPClassUID"))]  # fmt: skip
         pixels = "PixelData" in data
-    except Exception as reason:  # for each kind of damage pydicom raises another
+    except Exception as reason:  # pydicom raises a different exception for each kind of damage
         raise FileError(
             f"{path}: is a damaged DICOM file: {reason}; copy it again, or take it out of the "
             "folder"

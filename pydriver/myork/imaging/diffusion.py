@@ -1,4 +1,4 @@
-"""Diffusion tensors from diffusion-weighted images, and numbers of tensors.
+"""Diffusion tensors from diffusion-weighted images, and measures of tensors.
 
 Tensors (4.1) are symmetric and stored as xx, yy, zz, xy, xz, yz.
 
@@ -25,14 +25,14 @@ from myork.types import F64, I64, Mask
 
 # Order of the components
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-#: What a square of each of them counts in the norm of a tensor
+#: Weight of each squared component in the norm of a tensor
 SQUARES = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-# Voxels solved at a time: 33 images of them take some tens of megabytes.
+# Voxels solved at a time: with 33 images they take some tens of megabytes.
 _CHUNK = 20000
-# Random orders of the directions, and the part of them that may fit as well: none does on phantoms
-# with a right table down to SNR 2, at least 2 % do with a wrong one
+# Number of random orders of the directions, and the fraction of them that may fit equally well:
+# none does on phantoms with a correct table down to SNR 2, at least 2 % do with a wrong one
 _ORDERS, _BETTER = 200, 0.01
-# Fewer images beyond the seven unknowns fit any order too well for a comparison
+# With fewer images beyond the seven unknowns, any order fits too well for a comparison
 _LEAST_SPARE = 5
 # A design with a larger condition number does not determine all six components.
 _WORST_CONDITION = 1e4
@@ -49,7 +49,7 @@ def dyads_of(vector: F64) -> F64:
 
 
 def unit_vectors(vector: F64) -> tuple[F64, Mask]:
-    """Vectors of length 1, shape `(..., 3)`, zero where there is none, and where there is one."""
+    """Unit vectors, shape `(..., 3)`, zero for zero vectors, and a mask of the others."""
     length = np.linalg.norm(vector, axis=-1, keepdims=True)
     known = np.isfinite(length) & (length > 0)
     return np.divide(vector, length, out=np.zeros(vector.shape), where=known), known[..., 0]
@@ -106,7 +106,7 @@ def tensor_maps(tensor: Image) -> dict[str, Image]:
 
 
 def finite_tensors(components: F64) -> F64:
-    """Components of tensors, shape `(..., 6)`, all zero where one of them is not finite."""
+    """Components of tensors, shape `(..., 6)`, all set to zero where one of them is not finite."""
     return np.where(np.isfinite(components).all(axis=-1, keepdims=True), components, 0.0)
 
 
@@ -118,13 +118,13 @@ def known_tensors(components: F64) -> Mask:
 def fit_tensors(dwi: Image, table: GradientTable) -> Image:
     """Fit a tensor to every voxel by weighted least squares of the logarithms.
 
-    A fit with equal weights gives signals whose squares are the weights of the second fit: the
-    variance of the logarithm of a signal goes with one over its square [2].
+    A fit with equal weights predicts signals whose squares are the weights of the second fit: the
+    variance of the logarithm of a signal is inversely proportional to its square [2].
 
     - `dwi`: diffusion-weighted images, shape `(ni, nj, nk, nvolume)`
     - `table`: their gradients in the world frame
     - returns tensors in the world frame, shape `(ni, nj, nk, 6)` [mm^2/s]; not a number where a
-      signal is not finite or no image without gradient shows one
+      signal is not finite or no image without gradient has a signal
     """
     unit = max(float(table.b.max()), 1.0)
     design = np.column_stack([np.ones(len(table.b)), -table.design() / unit])
@@ -156,15 +156,15 @@ def order_doubt(dwi: Image, table: GradientTable) -> str:
     """A warning if the directions may belong to other images; empty without a doubt.
 
     Logarithms of signals are linear in the tensor: their means over parts of the image fit the
-    table as those of a voxel do, but with little noise. The residual of the right order is smaller
-    than that of directions shuffled among images of the same b value. Flipped or exchanged axes do
-    not change it.
+    table as those of a voxel do, but with little noise. The residual of the correct order is
+    smaller than that of directions shuffled among images of the same b value. Flipped or exchanged
+    axes do not change it.
     """
     signal = dwi.data
     known = np.isfinite(signal).all(axis=-1) & (signal > 0).all(axis=-1)
     if len(table.b) < 7 + _LEAST_SPARE or not known.any():
         return ""
-    # those of one brightness are all of it, to rounding
+    # where all have the same brightness all are taken, up to rounding
     own = known & (signal.mean(axis=-1) >= (1 - 1e-9) * signal[known].mean())
     part = (np.argwhere(own) * 2 // dwi.data.shape[:3]) @ [4, 2, 1]
     logarithm = np.log(signal[own])
@@ -213,10 +213,10 @@ def parse_axes(text: str) -> F64:
 
 
 class Diffusion(NamedTuple):
-    """What a deck says of diffusion."""
+    """Diffusion data of a deck."""
 
     tensor: Image  #: Tensors in the world frame, shape `(ni, nj, nk, 6)`
-    #: Mean of the diffusion-weighted images, shape `(ni, nj, nk)`; None of a file of tensors
+    #: Mean of the diffusion-weighted images, shape `(ni, nj, nk)`; None for a file of tensors
     mean: Image | None
     doubt: str = ""  #: Warning about the gradient table, empty without a doubt
 
@@ -224,8 +224,8 @@ class Diffusion(NamedTuple):
 def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
     """Tensors of a deck: from a file of tensors, or fitted to diffusion-weighted images.
 
-    - `table`: table `image` of the deck: `tensor`, or `dwi`, see
-      `read_diffusion`; `gradient_axes`
+    - `table`: table `image` of the deck: `tensor`, or `dwi`, see `read_diffusion`;
+      `gradient_axes`
     - `folder`: where the deck's relative paths start
     - returns none where the deck names neither
     """
@@ -244,8 +244,8 @@ def read_tensors(table: Mapping[str, Any], folder: Path) -> Diffusion | None:
 def read_diffusion(path: Path) -> tuple[Image, GradientTable]:
     """Diffusion-weighted images and their gradients.
 
-    - `path`: 4-D image with .bval and .bvec of the same name beside it, or by the inheritance of
-      BIDS, or a folder of DICOM images, see `read_image`
+    - `path`: 4-D image with .bval and .bvec of the same name beside it, or found by the BIDS
+      inheritance principle, or a folder of DICOM images, see `read_image`
     - returns images of shape `(ni, nj, nk, n)` and the gradients of the `n` volumes
     """
     folder, choice = split_choice(path)

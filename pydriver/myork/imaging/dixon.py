@@ -1,13 +1,13 @@
 """Water and fat from magnitude and phase of two or more echoes (Dixon).
 
-An echo is (W + c F) exp(i phase), c being the peaks of fat at the echo time, or 1 in phase and -1
-in opposed phase. The magnitudes of two echoes leave two fractions of fat, each with a phase of its
-own, which is smooth over the body. Pairs of voxels up to some millimetres apart vote for being
-alike or not, and voxels, then groups, join by their votes, also across dark cortex. One choice is
-left for each body: fat lies under the skin.
+An echo is (W + c F) exp(i phase), where c sums the peaks of fat at the echo time, or is 1 in phase
+and -1 in opposed phase. The magnitudes of two echoes admit two fractions of fat, each with its own
+phase, and the true phase is smooth over the body. Pairs of voxels up to some millimetres apart vote
+on whether they agree; voxels, then groups, join by these votes, also across dark cortex. One choice
+is left for each body: fat lies under the skin.
 
-Of more echoes three pairs are separated so, up to whole turns between their echoes. The misfit of
-all echoes chooses turns, decay exp(-R2* t) and, where it is clear, which way around.
+With more echoes, three pairs are separated in this way, up to whole turns between their echoes. The
+misfit of all echoes selects the turns, the decay exp(-R2* t) and, where it is clear, the choice.
 
 References: Berglund, Ahlstrom, Johansson, Kullberg, Magn. Reson. Med. 65 (2011) 994-1004 (two
 candidates at any echo times); Bydder, Yokoo, Yu, Carl, Reeder, Sirlin, Magn. Reson. Imaging 29
@@ -34,24 +34,24 @@ Values = TypeVar("Values", F64, C128)
 _SHIFT = (-3.80, -3.40, -2.60, -1.94, -0.39, 0.60)
 _PART = (0.087, 0.694, 0.128, 0.004, 0.039, 0.048)
 _GYROMAGNETIC = 42.577  # [MHz/T]
-# What a phase image counts as one turn: radians, degrees, the whole numbers of the makers, and
+# Values of a phase image that stand for one turn: radians, degrees, integers of manufacturers, and
 # thousandths of a radian
 _TURNS = (2.0 * np.pi, 360.0, 4096.0, 2000.0 * np.pi, 8192.0, 65536.0)
-_REACH = 8.0  # of the pairs that vote [mm]
+_REACH = 8.0  # largest distance of voxels that vote on each other [mm]
 _NEAR = 2.0  # beyond this distance votes count less [mm]
-_SMOOTH = 2.5  # standard deviation of the average of the phases of what was chosen [mm]
-_ROUNDS = 10  # of choosing again after the average
-_RIM = (2.5, 7.0)  # depth of what lies under the skin [mm]
+_SMOOTH = 2.5  # standard deviation of the average over the phases of the chosen candidates [mm]
+_ROUNDS = 10  # repetitions of the choice after averaging
+_RIM = (2.5, 7.0)  # depths of the fat under the skin [mm]
 _SMALL = 0.02  # part of the body below which a group is decided by the phases around it
 _UNLIKE = 0.1  # fraction of fat by which rim and inside must differ
-_BEYOND, _MANY = 1.5, 0.05  # ratio of echoes beyond what mixtures have, and part of the body there
-_LEAST = 0.25  # of the averages that water and fat are worth: noise is twice that of an echo
-_TOO_FEW = 0.08  # below it echoes are refused: of two, fat turns by less than 23 degrees
-_TURNS_TRIED = 2  # of the phase between the echoes of a pair
-_FITS = 3  # of water and fat, then frequency and decay
-_PAIRS_TRIED = 3  # of echoes
+_BEYOND, _MANY = 1.5, 0.05  # ratio of echoes beyond that of mixtures, and part of the body with it
+_LEAST = 0.25  # least effective number of echoes averaged: noise is twice that of an echo
+_TOO_FEW = 0.08  # below it echoes are refused: for two, fat turns by less than 23 degrees
+_TURNS_TRIED = 2  # phase turns between the echoes of a pair
+_FITS = 3  # alternations: water and fat, then frequency and decay
+_PAIRS_TRIED = 3  # pairs of echoes
 _BADLY = 4.0  # ratio of misfits beyond which a fit is not that of this tissue
-_CLEARLY = 1.2  # ratio of misfits by which one way around is the better one
+_CLEARLY = 1.2  # ratio of misfits by which one candidate is clearly the better one
 
 
 class WaterFat(NamedTuple):
@@ -60,19 +60,19 @@ class WaterFat(NamedTuple):
     #: Signals, not negative, zero outside of the body, shape `(ni, nj, nk)`
     water: F64
     fat: F64
-    fraction: F64  #: Fat of both together, 0 to 1, same shape [-]
-    #: Smooth phase from the first echo to the second (of more: of the pair that parts best), same
-    #: shape [radian]
+    fraction: F64  #: Fat fraction, 0 to 1, same shape [-]
+    #: Smooth phase from the first echo to the second (with more: of the pair that separates best),
+    #: same shape [radian]
     phase: F64
-    decay: F64 | None  #: R2* of both, of three echoes and more, same shape [1/s]
+    decay: F64 | None  #: R2* of both, with three echoes or more, same shape [1/s]
     doubt: str  #: Why water and fat may be exchanged or wrong; empty without a doubt
 
 
 def echo(magnitude: F64, phase: F64) -> C128:
     """Complex image of an echo.
 
-    A turn of the phase is the least of the usual ones (radians, degrees, 4096, thousandths of a
-    radian, 8192, 65536) that covers its range.
+    The value of a turn of the phase is the smallest of the usual ones (radians, degrees, 4096,
+    thousandths of a radian, 8192, 65536) that covers its range.
 
     - `magnitude`, `phase`: shape `(ni, nj, nk)`
     """
@@ -87,7 +87,7 @@ def echo(magnitude: F64, phase: F64) -> C128:
 
 
 def fat_factors(times: Sequence[float], strength: float) -> tuple[complex, ...]:
-    """What is left of a unit of fat at echo times, seen from water.
+    """Complex signal of a unit of fat at echo times, relative to water.
 
     - `times`: echo times [ms]
     - `strength`: field of the scanner [T]
@@ -104,12 +104,12 @@ def water_and_fat(
     times: Sequence[float] = (),
     strength: float = 0.0,
 ) -> WaterFat:
-    """Part echoes, given by magnitude and phase, into water and fat.
+    """Separate echoes, given by magnitude and phase, into water and fat.
 
-    - `magnitudes`, `phases`: of all echoes, two at least, on one grid
+    - `magnitudes`, `phases`: of all echoes (at least two), on one grid
     - `body`: voxels of the body, shape `(ni, nj, nk)`
-    - `times`: echo times; none, of two echoes: in phase first, then in opposed phase [ms]
-    - `strength`: field of the scanner, with times [T]
+    - `times`: echo times; without them, two echoes: in phase first, then in opposed phase [ms]
+    - `strength`: field of the scanner, needed with times [T]
     """
     factors: tuple[complex, ...] = (complex(1.0), complex(-1.0))
     count = len(magnitudes)
@@ -141,15 +141,15 @@ def separate_many(
     factors: Sequence[complex],
     times: Sequence[float],
 ) -> WaterFat:
-    """Part three and more echoes into water and fat.
+    """Separate three or more echoes into water and fat.
 
-    - `echoes`, `body`, `spacing`, `factors`: of each echo, as of `separate`
+    - `echoes`, `body`, `spacing`, `factors`: of each echo, as in `separate`
     - `times`: echo times [ms]
     """
     pairs = list(combinations(range(len(echoes)), 2))
     worth = [_averages((factors[i], factors[j])) for i, j in pairs]
     gap = [abs(times[j] - times[i]) for i, j in pairs]
-    # of pairs that are nearly as good the one with the shortest gap: it leaves the fewest turns
+    # of nearly equally good pairs the one with the shortest gap first: it admits the fewest turns
     order = sorted(range(len(pairs)), key=lambda n: (worth[n] < 0.8 * max(worth), gap[n]))
     size, signal = np.asarray(spacing, float), _inside(echoes, body)
     found, doubt = [], ""
@@ -162,7 +162,7 @@ def separate_many(
             found.append((*fit, phase))
     misfit, water, fat, decay, phase = map(np.stack, zip(*found, strict=True))
     fraction = fat / np.maximum(water + fat, 1e-30)
-    # which way around is one choice for each body that touches no other
+    # the choice of candidate is made once for each connected component of the body
     piece, pieces = ndimage.label(body)
     piece = piece[body]
     whole = np.stack([np.bincount(piece, one) for one in misfit])
@@ -172,7 +172,7 @@ def separate_many(
         best = int(own.argmin())
         other = np.abs(fraction[:, mine] - fraction[best, mine]).mean(axis=1) > _UNLIKE
         sure[number] = not other.any() or own[other].min() > _CLEARLY * own[best]
-        # where echoes do not decide, the skin has in the first pair
+        # where the echoes do not decide, the fat under the skin has decided in the first pair
         chosen[number] = best if sure[number] or own[0] > _CLEARLY * own[best] else 0
     pick = chosen[piece]
     badly = np.take_along_axis(misfit, pick[np.newaxis], axis=0)[0] > _BADLY * misfit.min(axis=0)
@@ -196,7 +196,7 @@ def separate(
     spacing: ArrayLike,
     factors: tuple[complex, complex] = (1.0, -1.0),
 ) -> WaterFat:
-    """Part two echoes into water and fat.
+    """Separate two echoes into water and fat.
 
     - `first`, `second`: complex echoes, shape `(ni, nj, nk)`
     - `body`: voxels of the body, same shape
@@ -227,7 +227,7 @@ def _inside(echoes: Sequence[C128], body: Mask) -> C128:
 def _pair(
     one: C128, two: C128, body: Mask, size: F64, factors: tuple[complex, complex]
 ) -> tuple[C128, C128, str]:
-    """Smooth phasors from one echo to another beyond those of fat; with both exchanged; doubt."""
+    """Smooth phasors between two echoes without fat; same with both exchanged; doubt."""
     fractions = _fractions(np.abs(one), np.abs(two), factors)
     phasors = [_phasor(one, two, part, factors) for part in fractions]
     trust = np.minimum(np.abs(one), np.abs(two))
@@ -260,8 +260,8 @@ def _all_echoes(
 ) -> tuple[F64, F64, F64, F64]:
     """Misfit around each voxel, water and fat in the first echo, R2* [1/s], shape `(nvoxel,)` each.
 
-    The phase over a time `step` leaves whole turns open; each number of them is fitted, and the
-    frequency and the decay follow from the slope of what is left, the mean around each voxel.
+    The phase over a time `step` leaves whole turns open. Each number of turns is fitted; the
+    frequency and the decay follow from the slope of the residual, averaged around each voxel.
     """
     time, mixed = np.array(times) - min(times), np.array(factors)
     fits = []
@@ -291,7 +291,7 @@ def _all_echoes(
 def _found(
     water: F64, fat: F64, phase: F64, body: Mask, doubts: Sequence[str], decay: F64 | None = None
 ) -> WaterFat:
-    """Values in the body on the grid."""
+    """Values of the body voxels put on the grid."""
     both = water + fat
     fraction = np.divide(fat, both, out=np.zeros_like(fat), where=both > 0)
     return WaterFat(
@@ -311,7 +311,7 @@ def _on_grid(values: Values, body: Mask) -> Values:
 
 
 def _fractions(one: F64, two: F64, factors: tuple[complex, complex]) -> tuple[F64, F64]:
-    """Both fractions of fat that explain two magnitudes, the smaller one first."""
+    """The two fractions of fat that explain two magnitudes, the smaller one first."""
     c = np.array(factors)
     slope, bend = 2.0 * (c.real - 1.0), np.abs(1.0 - c) ** 2
     a = one**2 * bend[1] - two**2 * bend[0]
@@ -323,7 +323,7 @@ def _fractions(one: F64, two: F64, factors: tuple[complex, complex]) -> tuple[F6
 
 
 def _phasor(one: C128, two: C128, fraction: F64, factors: tuple[complex, complex]) -> C128:
-    """Unit phasor of the phase between the echoes beyond that of the fat."""
+    """Unit phasor of the phase between the echoes, with that of the fat removed."""
     made = [1.0 - fraction + c * fraction for c in factors]
     product = two * one.conj() * made[0] * made[1].conj()
     size = np.abs(product)
@@ -331,10 +331,10 @@ def _phasor(one: C128, two: C128, fraction: F64, factors: tuple[complex, complex
 
 
 def _states(difference: C128, body: Mask, size: F64) -> tuple[I64, I64]:
-    """Which candidate voxels take, 1 or -1, alike within a group, and the number of the group.
+    """Choice of candidate of each voxel, 1 or -1, consistent within a group, and its group number.
 
     Two voxels vote by Re(d conj(d')), where d is the difference of the candidates: positive where
-    the same ones go together. Groups join their strongest partners, round by round.
+    they should choose alike. Groups join their strongest partners, round by round.
     """
     low, high, vote = _pairs(difference, body, size)
     state = np.ones(len(difference), np.int64)
@@ -348,9 +348,9 @@ def _states(difference: C128, body: Mask, size: F64) -> tuple[I64, I64]:
         np.maximum.at(best, low, rank)
         np.maximum.at(best, high, rank)
         node = np.arange(count)
-        pair = order[best]  # of those without a pair nothing is used
+        pair = order[best]  # values of groups without a pair are not used
         other = low[pair] + high[pair] - node
-        # Ranks differ, so that no circle but that of two partners can come about.
+        # Ranks differ, so that the only possible cycle is that of two mutual partners.
         root = (best < 0) | ((best[np.where(best < 0, node, other)] == best) & (node < other))
         parent = np.where(root, node, other)
         sign = np.where(root | (vote[pair] > 0), 1, -1)
@@ -370,7 +370,7 @@ def _states(difference: C128, body: Mask, size: F64) -> tuple[I64, I64]:
 
 
 def _pairs(difference: C128, body: Mask, size: F64) -> tuple[I64, I64, F64]:
-    """Pairs of voxels along the axes with their votes: low and high number, vote."""
+    """Pairs of voxels along the axes with their votes: lower and higher number, vote."""
     ends: list[tuple[I64, I64, F64]] = []
     for axis in range(3):
         step = 1
@@ -392,7 +392,7 @@ def _rim_decides(
     body: Mask,
     size: F64,
 ) -> tuple[I64, str]:
-    """States of all large groups such that fat lies under the skin; doubts."""
+    """Candidates of all large groups, chosen such that fat lies under the skin; doubts."""
     axis = slice_axis(size, body.shape)
     depth = depth_in_slices(np.moveaxis(body, axis, 2), np.delete(size, axis))
     deep = np.moveaxis(depth, 2, axis)[body]
@@ -420,7 +420,7 @@ def _rim_decides(
 
 
 def _order_doubt(one: F64, two: F64, factors: tuple[complex, complex]) -> str:
-    """What to say where mixtures explain the magnitudes of the echoes less than exchanged."""
+    """Warning where the magnitudes fit mixtures better with the echoes exchanged."""
     part = np.linspace(0.0, 1.0, 101)
     first, second = (np.maximum(np.abs(1.0 - part + c * part), 1e-3) for c in factors)
     low, high = (second / first).min() / _BEYOND, (second / first).max() * _BEYOND
@@ -439,7 +439,7 @@ def _order_doubt(one: F64, two: F64, factors: tuple[complex, complex]) -> str:
 
 
 def _misfit_doubt(misfit: F64) -> str:
-    """What to say where echoes are no mixture of water and fat in a good part of the body."""
+    """Warning where echoes are no mixture of water and fat in a large part of the body."""
     part = float((misfit > _BADLY * np.quantile(misfit, 0.2)).mean())
     if part < _MANY:
         return ""
@@ -451,14 +451,14 @@ def _misfit_doubt(misfit: F64) -> str:
 
 
 def _averages(factors: Sequence[complex]) -> float:
-    """How many echoes water and fat are worth in noise: 1 is that of one, 2 of the mean of two."""
+    """Effective number of echoes averaged in water and fat: 1 for one, 2 for the mean of two."""
     matrix = np.stack([np.ones(len(factors)), np.array(factors)], axis=-1)
     smallest = np.linalg.eigvalsh((matrix.conj().T @ matrix).real)[0]
     return max(float(smallest), 1e-12)
 
 
 def _times_doubt(factors: Sequence[complex]) -> str:
-    """Whether fat is too alike in the echoes for the noise not to grow."""
+    """Warning where fat differs too little between the echoes, so that noise grows."""
     averages = _averages(factors)
     what = (
         f"dixon: fat has nearly the same phase in {'both' if len(factors) == 2 else 'all'} echoes, "
@@ -476,13 +476,13 @@ def _average(values: Values, body: Mask, size: F64) -> Values:
 
 
 def _fit(signal: C128, factors: C128, left: F64) -> tuple[F64, F64, C128, F64]:
-    """Water and fat, not negative, by least squares with one phase for both (Bydder 2011).
+    """Water and fat, not negative, by least squares with a common phase (Bydder 2011).
 
-    - `signal`, `left`: echoes of one frequency, and what decay leaves of each, shape
+    - `signal`, `left`: echoes of one frequency, and the decay factor of each, shape
       `(nvoxel, necho)`
     - `factors`: of fat in each echo, shape `(necho,)`
-    - returns water, fat, the phasor of both, shape `(nvoxel, 1)`, and the sum of squares that is
-      left
+    - returns water, fat, the phasor of both, shape `(nvoxel, 1)`, and the remaining sum of
+      squares
     """
     weight = left**2
     a, b, c = weight.sum(-1), weight @ factors.real, weight @ np.abs(factors) ** 2
@@ -499,7 +499,7 @@ def _fit(signal: C128, factors: C128, left: F64) -> tuple[F64, F64, C128, F64]:
 
 
 def _slope(slope: C128, signal: C128, model: C128, time: F64, body: Mask, size: F64) -> C128:
-    """Frequency and decay with those of what a model leaves, the mean around each voxel."""
+    """Frequency and decay corrected by the residual of a model, averaged around each voxel."""
     weight = np.abs(model) ** 2
     ratio = signal * model.conj()
     left = ratio * np.exp(-1j * np.angle(ratio.sum(-1, keepdims=True)))

@@ -1,6 +1,6 @@
 """NRRD and MetaImage by SimpleITK, an extra of the package.
 
-Its world has x to the left and y backwards; here it is right, anterior, superior.
+In its world, x points left and y backwards; in this package, right, anterior, superior.
 """
 
 import re
@@ -14,23 +14,23 @@ from myork.errors import FileError, InputError, optional
 ITK_SUFFIXES = (".nrrd", ".nhdr", ".mha", ".mhd")
 
 _NRRD = (".nrrd", ".nhdr")
-# What a header of MetaImage and of NRRD has where it gives sizes and directions of voxels
+# Header fields of MetaImage and NRRD that give sizes and directions of voxels
 _GEOMETRY = (
     re.compile(r"(?is)(?=.*^ElementSpacing)(?=.*^(TransformMatrix|Rotation|Orientation))", re.M),
     re.compile(r"(?im)^space directions:"),
 )
-# Turns the axes of the world of SimpleITK into those of this package, and back
+# Converts world axes of SimpleITK to those of this package, and back
 _FLIP = np.diag([-1.0, -1.0, 1.0, 1.0])
-# No header is longer [bytes].
+# Largest length of a header [bytes].
 _LONGEST_HEADER = 1 << 20
 # Units of a NRRD header, in mm
 _UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "um": 0.001, "microns": 0.001}
 
 
 def load_itk(path: Path, note: ProgressCallback) -> tuple[np.ndarray, np.ndarray]:
-    """Values as they are stored, shape `(ni, nj, nk)` or with more axes, and the affine [mm].
+    """Values as stored, shape `(ni, nj, nk)` or with more axes, and the affine [mm].
 
-    - `note`: called with what the header lacks
+    - `note`: called with messages about missing header fields
     """
     itk = optional("SimpleITK", "formats", path)
     try:
@@ -49,7 +49,7 @@ def load_itk(path: Path, note: ProgressCallback) -> tuple[np.ndarray, np.ndarray
         )
     dimension = image.GetDimension()
     vectors = image.GetNumberOfComponentsPerPixel() > 1
-    # Axes come as (..., k, j, i), the components of a voxel last.
+    # Axes are in the order (..., k, j, i), with the components of a voxel last.
     order = [*reversed(range(dimension)), *([dimension] if vectors else [])]
     data = itk.GetArrayFromImage(image).transpose(order)
     size = np.array(image.GetSpacing())
@@ -81,7 +81,7 @@ def save_itk(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
 
 
 def _said(reason: Exception) -> str:
-    """The one of SimpleITK's many lines that says what is wrong."""
+    """The relevant line of SimpleITK's long error message."""
     lines = str(reason).strip().splitlines() or [type(reason).__name__]
     named = [line for line in lines if "ERROR: " in line or line.startswith("[nrrd]")]
     text = (named or lines)[-1].rpartition("ERROR: ")[2]
@@ -89,7 +89,7 @@ def _said(reason: Exception) -> str:
 
 
 def _header(path: Path) -> str:
-    """Text before the values of a file."""
+    """Header text before the values of a file."""
     with path.open("rb") as file:
         text = file.read(_LONGEST_HEADER)
     end = b"\n\n" if path.suffix in _NRRD else b"ElementDataFile"
@@ -97,7 +97,7 @@ def _header(path: Path) -> str:
 
 
 def _nrrd_unit(path: Path, header: str) -> float:
-    """Unit in which a NRRD header gives lengths [mm]; 1 without one. SimpleITK passes it over."""
+    """Length unit of a NRRD header [mm], 1 by default; SimpleITK ignores it."""
     found = re.search(r"(?im)^space units:(.*)$", header)
     if found is None:
         return 1.0

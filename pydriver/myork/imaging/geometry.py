@@ -1,4 +1,4 @@
-"""Grids of images: checks of the affine, equal grids, turning to the nearest world axes."""
+"""Grids of images: checks of the affine, equality of grids, reorientation to the world axes."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -15,19 +15,19 @@ from myork.types import F64, I32, I64, Index, Mask
 
 Grid = TypeVar("Grid", Image, Labels)
 
-# An affine is stored in single precision; spacings and angles are compared with this slack.
+# An affine is stored in single precision; spacings and angles are compared with this tolerance.
 SLACK = 1e-4
 
-# Voxels of a microscope to those of a whale [mm]; a header in another unit lies outside.
+# From voxels of a microscope to those of a whale [mm]; a header in another unit lies outside.
 _VOXEL = (1e-4, 1e3)
-# Voxels of slices are so many times as long as wide.
+# Ratio of length to width from which on voxels are those of slices.
 _THICKER = 1.1
-# Farther from the scanner's middle single precision does not resolve two voxels [mm].
+# Distance from the scanner's centre beyond which single precision does not resolve voxels [mm].
 _FARTHEST = 1e6
 
 
 def check_affine(affine: F64, name: str) -> None:
-    """Refuse an affine that does not span a box of voxels with right angles.
+    """Refuse an affine whose voxels are not rectangular boxes.
 
     - `affine`: voxel indices to world coordinates, shape `(4, 4)` [mm]
     """
@@ -54,18 +54,18 @@ def check_affine(affine: F64, name: str) -> None:
 
 
 def corners(image: Image | Labels) -> F64:
-    """World coordinates of the centres of the voxels in the corners, shape `(8, 3)` [mm]."""
+    """World coordinates of the centres of the corner voxels, shape `(8, 3)` [mm]."""
     ends = [(0, n - 1) for n in image.data.shape[:3]]
     return image.world(np.stack(np.meshgrid(*ends, indexing="ij"), axis=-1).reshape(8, 3))
 
 
 def corner_distance(image: Image | Labels, reference: Image | Labels) -> float:
-    """How far corners of two grids of one order of voxels are apart at most [mm]."""
+    """Largest distance between corresponding corners of two grids with the same axis order [mm]."""
     return float(np.linalg.norm(corners(image) - corners(reference), axis=1).max())
 
 
 def same_grid(image: Image | Labels, reference: Image | Labels) -> bool:
-    """Whether voxels of two images have the same places, to a tenth of a voxel."""
+    """Whether voxels of two images have the same positions, to a tenth of a voxel."""
     alike = image.data.shape[:3] == reference.data.shape[:3]
     return alike and corner_distance(image, reference) <= 0.1 * reference.spacing.min()
 
@@ -87,16 +87,16 @@ def check_same_grid(image: Image | Labels, reference: Image | Labels) -> None:
 
 
 def canonical(image: Grid) -> Grid:
-    """Turn the voxel axes to the nearest world axes (right, anterior, superior).
+    """Reorder the voxel axes to follow the nearest world axes (right, anterior, superior).
 
     Only the order and the direction of the axes change, never a value: vectors and tensors in
-    the world frame stay as they are.
+    the world frame are unchanged.
     """
     return reordered(image, np.eye(4))
 
 
 def reordered(image: Grid, affine: F64) -> Grid:
-    """Put the voxel axes in the order and direction of those of an affine that lie nearest."""
+    """Put the voxel axes in the order and direction of the nearest axes of an affine."""
     own, wanted = (nibabel.orientations.io_orientation(one) for one in (image.affine, affine))
     order = nibabel.orientations.ornt_transform(own, wanted)
     data = nibabel.orientations.apply_orientation(image.data, order)
@@ -107,7 +107,7 @@ def reordered(image: Grid, affine: F64) -> Grid:
 def frame(affine: F64) -> F64:
     """Directions of the voxel axes in the world, as columns, shape `(3, 3)` [-].
 
-    The identity, exactly, where they agree with the world axes to the precision of the file.
+    Exactly the identity where the axes agree with the world axes to the precision of the file.
     """
     columns = affine[:3, :3] / np.linalg.norm(affine[:3, :3], axis=0)
     if np.abs(columns - np.eye(3)).max() < SLACK:
@@ -123,7 +123,7 @@ def to_voxels(affine: F64, world: F64) -> F64:
 
 
 def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
-    """Voxel in which a seed lies; refused outside of the image.
+    """Voxel that contains a seed; a seed outside the image is refused.
 
     - `seed`: world coordinates, shape `(3,)` [mm]
     """
@@ -137,10 +137,10 @@ def seed_voxel(image: Image, seed: F64, name: str) -> tuple[int, ...]:
 
 
 def slice_axis(spacing: F64, shape: Sequence[int] = ()) -> int:
-    """Axis along which slices follow each other: that of a single slice, or of the longest voxels.
+    """Axis along which slices are stacked: that of a single slice, or of the longest voxel edge.
 
-    - `spacing`: voxel sizes, shape `(3,)`; where none is a tenth longer than both others, slices
-      follow each other along the last axis [mm]
+    - `spacing`: voxel sizes, shape `(3,)` [mm]; if none is a tenth longer than both others, the
+      last axis is taken
     - `shape`: numbers of voxels, shape `(3,)`
     """
     single = [axis for axis, count in enumerate(shape) if count == 1]
@@ -151,7 +151,7 @@ def slice_axis(spacing: F64, shape: Sequence[int] = ()) -> int:
 
 
 def with_axis_at(image: Grid, source: int, target: int) -> Grid:
-    """Put a voxel axis at another place in the order; nothing moves in the world.
+    """Move a voxel axis to another place in the order; world positions do not change.
 
     - `image`: values, shape `(ni, nj, nk)` or `(ni, nj, nk, nvalue)`
     - `source`, `target`: place of the axis before and after, 0 to 2
@@ -166,16 +166,16 @@ def with_axis_at(image: Grid, source: int, target: int) -> Grid:
 
 
 def boxes_of(labels: I32) -> Iterator[tuple[tuple[slice, ...], Mask]]:
-    """The box of each label above zero, and where in it the label is."""
+    """Bounding box of each label above zero, and the mask of the label in it."""
     for number, box in enumerate(ndimage.find_objects(labels), start=1):
         if box is not None:
             yield box, labels[box] == number
 
 
 def neighbours(inside: Mask, axis: int, step: int = 1) -> tuple[I64, I64]:
-    """Pairs of voxels of a mask so many voxels apart along an axis.
+    """Pairs of voxels of a mask that lie `step` voxels apart along an axis.
 
-    - returns numbers of both in the order of the mask's voxels, the lower one first
+    - returns the numbers of both in the order of the mask's voxels, the lower one first
     """
     number = np.full(inside.shape, -1)
     number[inside] = np.arange(int(inside.sum()))
@@ -186,11 +186,11 @@ def neighbours(inside: Mask, axis: int, step: int = 1) -> tuple[I64, I64]:
 
 
 def depth_in_slices(inside: Mask, pixel: ArrayLike = 1.0, *, cut: bool = False) -> F64:
-    """Distance of voxels to what is outside in their slice.
+    """Distance of voxels to the outside within their slice.
 
     - `inside`: shape `(ni, nj, nk)`; slices along the last axis
     - `pixel`: sizes of the pixels, shape `(2,)`
-    - `cut`: whether the image cuts what reaches its border; else outside begins there
+    - `cut`: whether parts at the border continue beyond it; otherwise the outside begins there
     """
     room = [(1, 1), (1, 1), (0, 0)]
     wide = np.moveaxis(np.pad(inside, room, mode="edge" if cut else "constant"), 2, 0)
@@ -199,13 +199,13 @@ def depth_in_slices(inside: Mask, pixel: ArrayLike = 1.0, *, cut: bool = False) 
 
 
 def block_sums(values: NDArray[Any], block: Index) -> NDArray[Any]:
-    """Sums of values over blocks of voxels, of which whole ones fill the grid in each direction."""
+    """Sums of values over blocks of voxels; the grid consists of whole blocks in each direction."""
     n = np.array(values.shape) // block
     return values.reshape(n[0], block[0], n[1], block[1], n[2], block[2]).sum(axis=(1, 3, 5))
 
 
 def length_factor(unit: str, key: str = "units.length") -> float:
-    """Factor from millimetres to a unit of length that a key of the deck names."""
+    """Factor from millimetres to the unit of length given by a key of the deck."""
     factors = {"mm": 1.0, "cm": 0.1, "m": 0.001}
     if unit not in factors:
         raise InputError(

@@ -1,8 +1,8 @@
 """Diffusion gradients: files of b values and directions, and the frames they are given in.
 
-The convention of FSL's files: directions are components along the voxel axes of the image, and
-the first component has the other sign where the affine has a positive determinant. Inside this
-package directions are in the world frame.
+In the convention of FSL's files, directions are components along the voxel axes of the image, and
+the first component changes sign where the affine has a positive determinant. Inside this package
+directions are in the world frame.
 """
 
 from dataclasses import dataclass
@@ -16,10 +16,10 @@ from myork.files import read_text
 from myork.imaging.geometry import frame
 from myork.types import F64, Mask
 
-# Below this an image counts as one without gradient, whose direction may be zero [s/mm^2]
+# Below this value an image counts as having no gradient, and its direction may be zero [s/mm^2]
 STILL = 50.0
 
-# No scanner weights more; b values in s/m^2 lie far above [s/mm^2].
+# Largest weighting of any scanner; b values in s/m^2 lie far above [s/mm^2].
 _LARGEST_B = 1e6
 
 
@@ -32,7 +32,7 @@ class GradientTable:
 
     @property
     def still(self) -> Mask:
-        """Which images have no gradient, shape `(n,)`."""
+        """Mask of the images without gradient, shape `(n,)`."""
         return self.b <= STILL
 
     def design(self) -> F64:

@@ -1,4 +1,4 @@
-"""What headers say of a measurement: echo time and field, of DICOM or of JSON files (BIDS).
+"""Header data of a measurement: echo time and field strength, from DICOM or JSON files (BIDS).
 
 Reference: The Brain Imaging Data Structure, version 1.10: file names, the inheritance principle,
 metadata of magnetic resonance images
@@ -17,7 +17,7 @@ from myork.imaging.dicom import series_files, split_choice
 
 
 class Header(NamedTuple):
-    """What a header says; None where it says nothing."""
+    """Values found in a header; None where missing."""
 
     echo_time: float | None  #: Time of the echo [ms]
     field: float | None  #: Field of the scanner [T]
@@ -26,8 +26,8 @@ class Header(NamedTuple):
 def read_header(path: Path) -> Header:
     """Echo time and field of an image.
 
-    - `path`: file, described by the JSON files of BIDS: of the same name beside it, or for several
-      images, in a folder above; or folder of DICOM images, see `read_image`
+    - `path`: a file, described by the JSON files of BIDS (with the same name beside it, or for
+      several images, in a folder above), or a folder of DICOM images, see `read_image`
     """
     folder, choice = split_choice(path)
     if folder.is_dir():
@@ -50,10 +50,10 @@ def bids_name(path: Path) -> tuple[dict[str, str], str]:
 
 
 def described_by(path: Path, kind: str) -> list[Path]:
-    """Files that describe an image by the inheritance of BIDS, the nearest and most special last.
+    """Files that describe an image by BIDS inheritance, the nearest and most specific last.
 
-    They have the suffix of the image and no part that its name lacks. A name without entities
-    inherits within its folder only, and nothing of another image there.
+    They have the suffix of the image and no entity that its name lacks. A name without entities
+    inherits within its folder only, and nothing from another image there.
 
     - `path`: image
     - `kind`: of the files: json, bval or bvec

@@ -1,4 +1,4 @@
-"""Images and label maps in and out. Everything a file can have wrong is found here and named.
+"""Reading and writing of images and label maps. Faults of files are detected and reported here.
 
 NIfTI is read and written here; NRRD, MetaImage and DICOM series need extras (`formats`).
 """
@@ -24,13 +24,13 @@ from myork.imaging.geometry import check_affine
 from myork.imaging.headers import bids_name
 from myork.records import Image, Labels
 
-# Larger values are no measurement; squares of smaller ones can be added up.
+# Larger values are not measurements; squares of smaller ones can be summed.
 _LARGEST = 1e30
-_WHOLE = 1e-3  # labels are so near to whole numbers
+_WHOLE = 1e-3  # tolerance within which labels count as whole numbers
 _LAST_LABEL = int(np.iinfo(np.int32).max)
-# Scales (scl_slope) below are of values that were spread; larger ones of images
+# Scales (scl_slope) below this spread values over the integer range; larger ones belong to images
 _SPREAD = 0.25
-# sform and qform that differ by more of a voxel are not the same geometry
+# sform and qform that differ by more than this part of a voxel are different geometries
 _APART = 0.5
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
 
@@ -38,12 +38,12 @@ _TO_MM = {"meter": 1000.0, "micron": 0.001}
 def read_image(path: Path, values: int | None = 1, note: ProgressCallback = silent) -> Image:
     """Read an image.
 
-    - `path`: NIfTI, NRRD or MetaImage file, or folder of DICOM images; one of several is chosen by
-      `DIR:series=5,echo=2,kind=phase` or a part of it
+    - `path`: NIfTI, NRRD or MetaImage file, or folder of DICOM images; one of several is selected
+      by `DIR:series=5,echo=2,kind=phase` or a part of it
     - `values`: values per voxel: 1 for a 3-D image, whose values must be finite; more for the last
-      axis of a 4-D one, where a voxel may be not a number (the user of a tensor decides); None for
+      axis of a 4-D one, where a voxel may be not-a-number (the user of a tensor decides); None for
       any number of them, one for a 3-D image
-    - `note`: called with what is odd in the file
+    - `note`: called with irregularities of the file
     - returns values as floating point numbers; a single slice has shape `(ni, nj, 1)`
     """
     data, affine = _load(path, raw=False, note=note)
@@ -65,15 +65,14 @@ def read_image(path: Path, values: int | None = 1, note: ProgressCallback = sile
 
 
 def read_labels(path: Path, note: ProgressCallback = silent) -> Labels:
-    """Read a label map: whole numbers as they are stored, whatever the header's scale says.
+    """Read a label map: whole numbers as stored, regardless of the header's scale.
 
-    They may be stored as floating point numbers, nearly whole and not a number for the background.
-
-    Names come from a file beside it with the same stem (`legs.nii.gz` and `legs.json`),
-    `{"name": label}`, where there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
+    They may be stored as nearly whole floating point numbers, with not-a-number for the background.
+Names are read from a file with the same stem beside it (`legs.nii.gz` and `legs.json`),
+`{"name": label}`, if there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
 
     - `path`: label map
-    - `note`: called with what is odd in the file
+    - `note`: called with irregularities of the file
     """
     data, affine = _load(path, raw=True, note=note)
     if data.dtype == np.bool_:
@@ -108,11 +107,11 @@ def read_labels(path: Path, note: ProgressCallback = silent) -> Labels:
 def read_reference(
     path: Path, progress: ProgressCallback, note: ProgressCallback = silent
 ) -> Labels:
-    """Read a label map of others: one without names of its own takes those of its folder.
+    """Read an external label map; one without names takes those of its folder.
 
-    - `path`: label map; data sets have one `labels.json` for all maps of a folder
-    - `progress`: called with a warning where that file holds something else, which is then ignored
-    - `note`: as of `read_labels`
+    - `path`: label map; data sets may have one `labels.json` for all maps of a folder
+    - `progress`: called with a warning if that file has other content, which is then ignored
+    - `note`: as in `read_labels`
     """
     labels, own = read_labels(path, note), _names_path(path)
     if own.is_file():
@@ -130,7 +129,7 @@ def write_image(path: Path, image: Image) -> None:
 
 
 def renew_images(folder: Path, **images: Image | None) -> None:
-    """Write images as `NAME.nii.gz`; what is None is removed."""
+    """Write images as `NAME.nii.gz`; files of images that are None are removed."""
     for name, image in images.items():
         path = folder / f"{name}.nii.gz"
         if image is None:
@@ -151,7 +150,7 @@ def _load(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np
     """Values (as stored, or scaled as the header says) and affine in mm."""
     folder, choice = split_choice(path)
     if folder.is_dir():
-        # voxels in the order of the files, values scaled as they say; slices of any echo
+        # voxels in the order of the files, values scaled as they specify; slices of any echo
         options = ("-y", "n", "-p", "n", "-m", "y")
         with converted(folder, stack_files(folder, choice), ".nii", *options) as file:
             data, affine = load_nifti(file, raw, note)
@@ -168,7 +167,7 @@ def _load(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np
 
 
 def _check_kind(path: Path, kind: np.dtype) -> None:
-    """Refuse values that are not one plain number each."""
+    """Refuse data whose values are not single plain numbers."""
     if kind.kind == "c":
         raise InputError(
             f"{path}: the values are complex ({kind}); save their magnitude (or one of the "
@@ -184,7 +183,7 @@ def _check_kind(path: Path, kind: np.dtype) -> None:
 def _grid(path: Path, data: np.ndarray, values: int | None) -> np.ndarray:
     """Array of shape `(ni, nj, nk)`, or `(ni, nj, nk, values)`."""
     shape = data.shape
-    if values != 1 and data.ndim == 5 and shape[3] == 1:  # vectors as NIfTI defines them
+    if values != 1 and data.ndim == 5 and shape[3] == 1:  # vectors in the NIfTI convention
         data = data[:, :, :, 0]
     if values is None and data.ndim in (2, 3):
         data = data.reshape(*shape, *[1] * (4 - data.ndim))
@@ -232,7 +231,7 @@ def _read_names(path: Path) -> dict[int, str]:
 
 
 def _read_dseg(path: Path) -> dict[int, str]:
-    """Names of labels from the table beside a map of BIDS: columns `index` and `name`."""
+    """Names of labels from the table beside a BIDS map: columns `index` and `name`."""
     file = path.with_name(path.name.split(".")[0] + ".tsv")
     if not file.is_file():
         return {}
@@ -245,7 +244,7 @@ def _read_dseg(path: Path) -> dict[int, str]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """Entries of a table, in which no name stands twice."""
+    """Entries of a table in which every name occurs once."""
     table = dict(pairs)
     if len(table) < len(pairs):
         raise ValueError("a name occurs twice")
@@ -253,7 +252,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
-    """Write a file of the format that its suffix selects."""
+    """Write a file in the format selected by its suffix."""
     with whole_file(path, by_suffix=True) as unfinished:
         if path.suffix in ITK_SUFFIXES:
             save_itk(unfinished, data, affine)
@@ -262,15 +261,15 @@ def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
 
 
 def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarray, np.ndarray]:
-    """Values as they are stored, or scaled as the header says, and the affine [mm].
+    """Values as stored, or scaled by the header, and the affine [mm].
 
-    Stored ones that a small scale makes whole numbers come scaled as well: so floating point masks
-    are written under the header of an image, spread over all values of its type.
+    Stored values that are integers after scaling by a small factor are also scaled: floating point
+    masks are written like that under the header of an image, spread over all values of its type.
     """
     try:
-        with LoggingOutputSuppressor():  # what it mends in headers
+        with LoggingOutputSuppressor():  # messages about repaired headers
             file: Any = nibabel.load(path)
-    except Exception as reason:  # for each kind of damage nibabel raises another
+    except Exception as reason:  # nibabel raises a different exception for each kind of damage
         raise FileError(f"{path}: is not a readable NIfTI file: {_said(reason)}") from None
     if not isinstance(file, nibabel.Nifti1Image):
         raise InputError(f"{path}: is {type(file).__name__}; convert it to NIfTI (.nii, .nii.gz)")
@@ -304,7 +303,7 @@ def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarra
 
 
 def _forms_apart(file: Any) -> float:
-    """How far sform and qform place a corner apart at most; 0 without one of them [its unit]."""
+    """Largest distance between sform and qform at a corner; 0 without one of them [its unit]."""
     header = file.header
     if not (header["sform_code"] and header["qform_code"]):
         return 0.0
@@ -318,7 +317,7 @@ def _forms_apart(file: Any) -> float:
 
 
 def _whole_numbers(proxy: Any) -> np.ndarray:
-    """Values as they are stored, or the whole numbers of which they are multiples."""
+    """Values as stored, or the integers of which they are multiples."""
     stored: np.ndarray = proxy.get_unscaled()
     if stored.dtype.kind not in "iu" or not 0 < proxy.slope < _SPREAD:
         return stored
@@ -338,5 +337,5 @@ def save_nifti(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
 
 
 def _said(reason: Exception) -> str:
-    """What an exception says, in one line."""
+    """Message of an exception, in one line."""
     return " ".join(str(reason).split()) or type(reason).__name__

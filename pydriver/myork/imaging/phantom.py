@@ -1,9 +1,9 @@
-"""A calf with a known answer: images, diffusion tensors and true labels, from formulas.
+"""A calf with known ground truth: images, diffusion tensors and labels, from formulas.
 
-The stack is a left calf cut across: x points to the medial side, y forwards, z upwards. Muscles are
-ellipses that change along z; the medial gastrocnemius yields to no neighbour, so that its section
-is known in closed form. Fat fills the rest inside the skin, around two bones. On request muscles
-hold fat and connective tissue in exact parts of their volume.
+The stack is a left calf in cross-sections: x points to the medial side, y forwards, z upwards.
+Muscles are ellipses that change along z; no neighbour displaces the medial gastrocnemius, so that
+its section is known in closed form. Fat fills the rest inside the skin, around two bones. On
+request muscles contain fat and connective tissue in exact fractions of their volume.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,13 +30,13 @@ class _Muscle(NamedTuple):
     centre: tuple[float, float]
     semi_axes: tuple[float, float]
     angle: float  # of the first axis against x
-    taper: float  # loss of size at the far end of the stack
-    belly: float  # height of the largest section, part of the stack
+    taper: float  # relative loss of size at the far end of the stack
+    belly: float  # height of the largest section, as a part of the stack
     pennation: float  # of the fibers against z
     azimuth: float  # of the fibers' slope in the section, against x
 
 
-# Label = place in this list, from 1
+# A label is the position in this list, from 1
 _MUSCLES = (
     _Muscle("medial_gastrocnemius", (19.0, -27.0), (23.0, 11.0), 35.0, 0.3, 0.55, 22.0, -55.0),
     _Muscle("lateral_gastrocnemius", (-20.0, -27.0), (20.0, 9.5), -38.0, 0.4, 0.65, 18.0, -128.0),
@@ -51,9 +51,9 @@ _FAT = 5.5  # thickness under the skin [mm]
 _SEPTUM = 2.6  # fat and fascia between muscles, unless asked for otherwise [mm]
 _BONES = (((15.0, 21.0), 11.0, 3.2), ((-21.0, 13.0), 5.5, 1.8))  # centre, radius, cortex [mm]
 _DIFFUSIVITY = (2.1e-3, 1.5e-3, 1.3e-3)  # along and across the fibers [mm^2/s]
-_FREE = 0.2e-3  # of everything else inside the skin [mm^2/s]
+_FREE = 0.2e-3  # diffusivity of everything else inside the skin [mm^2/s]
 
-# Substances behind the muscles 1 to 6, from 7
+# Substances that follow the muscles 1 to 6, from 7
 _SKIN_ID, _FAT_ID, _SEPTUM_ID, _CORTEX_ID, _MARROW_ID, _IMAT_ID, _IMCT_ID = range(7, 14)
 #: T1-like signal of muscle and of fat
 MUSCLE_SIGNAL, FAT_SIGNAL = 400.0, 1000.0
@@ -84,7 +84,7 @@ _SUBSTANCES = (
 
 @dataclass(frozen=True)
 class Phantom:
-    """Images of the phantom and the answer behind them."""
+    """Images of the phantom and the ground truth behind them."""
 
     anatomy: Image  #: T1-like MR image with shading and Rician noise, shape `(ni, nj, nk)` [-]
     #: Images of special sequences in which fat, or connective tissue (and cortex), is bright;
@@ -95,7 +95,7 @@ class Phantom:
     #: `(ni, nj, nk, 6)` [mm^2/s]
     tensor: Image
     truth: Labels  #: The six muscles, 1 to 6, with the fat and the connective tissue in them
-    tissue: Labels  #: Materials, as in `TISSUES`
+    tissue: Labels  #: Tissues, as in `TISSUES`
     fiber: Image  #: True fiber directions, zero outside muscles, shape `(ni, nj, nk, 3)` [-]
     bias: Image  #: Factor of the shading, shape `(ni, nj, nk)` [-]
     #: Signal of a diffusion image without gradient and without noise, shape `(ni, nj, nk)` [-]
@@ -103,7 +103,7 @@ class Phantom:
     clean_tensor: Image  #: Tensors without noise
 
 
-#: Arguments of `make_phantom` for the kinds that decks know
+#: Arguments of `make_phantom` for the kinds that decks can name
 KINDS: dict[str, Mapping[str, Any]] = {
     "apart": {},
     "packed": {"septum": 0.0, "growth": 15.0},
@@ -133,10 +133,10 @@ def make_phantom(
     - `snr`: signal of muscle over the standard deviation of the noise [-]; the tensors' noise has
       the same ratio to the mean diffusivity
     - `bias`: amplitude of the multiplicative shading, 0 to 0.9 [-]
-    - `scale`: size of the calf across, 1 for semi-axes of 54 and 52 mm [-]
-    - `septum`: thickness of the fat and fascia between muscles; 0 lets muscles touch [mm]
-    - `growth`: growth of all muscles but the medial gastrocnemius into the fat between them, until
-      they meet; 15 packs the calf full [mm]
+    - `scale`: in-plane scale of the calf, 1 for semi-axes of 54 and 52 mm [-]
+    - `septum`: thickness of the fat and fascia between muscles; with 0 muscles touch [mm]
+    - `growth`: growth of all muscles except the medial gastrocnemius into the fat between them,
+      until they meet; 15 fills the calf completely [mm]
     - `aponeurosis`: thickness of the connective tissue around the medial gastrocnemius [mm]
     - `imat`, `imct`: part of each muscle's volume that is fat, or connective tissue, 0 to 0.5 [-]
     - `pennation`: factor of the angles of all fibers against z [-]
@@ -161,7 +161,7 @@ def make_phantom(
     levels = calf.inclusion_levels(label, x, y, t, imat, imct)
     substance = calf.substances(x, y, t, levels)
 
-    # Partial volume: the signal of a voxel is the mean of four places in its slice.
+    # Partial volume: the signal of a voxel is the mean at four places in its slice.
     shifts = [(a * spacing[0] / 4, b * spacing[1] / 4) for a in (-1, 1) for b in (-1, 1)]
     parts = [calf.substances(x + dx, y + dy, t, levels) for dx, dy in shifts]
     table = np.array(_SUBSTANCES)
@@ -197,8 +197,8 @@ def make_phantom(
 def write_phantom(folder: Path, phantom: Phantom) -> None:
     """Write the images of a phantom and its truth as NIfTI files.
 
-    `tensor`, `fat`, `connective`; the truth in `truth` (muscles), `true_tissue`, `true_fibers`
-    and `true_bias`. The anatomy is left to whoever prepares it.
+    `tensor`, `fat`, `connective`; the ground truth in `truth` (muscles), `true_tissue`,
+    `true_fibers` and `true_bias`. The anatomy is written by the caller that prepares it.
     """
     for name, image in (
         ("tensor", phantom.tensor),
@@ -238,7 +238,7 @@ def _depth(u: F64, v: F64, a: F64, b: F64) -> F64:
 
 
 class _Calf(NamedTuple):
-    """Anatomy by formulas: what is at a place; lengths are those of a calf of scale 1."""
+    """Anatomy by formulas: substance at any place; lengths are those of a calf of scale 1."""
 
     scale: float
     length: float  # of the stack [mm]
@@ -251,7 +251,7 @@ class _Calf(NamedTuple):
         return self._sorted(x / self.scale, y / self.scale, t)[0]
 
     def inclusion_levels(self, label: I32, x: F64, y: F64, t: F64, imat: float, imct: float) -> F64:
-        """Levels of both inclusion fields beyond which a muscle is not muscle, shape `(6, 2)`."""
+        """Thresholds of both inclusion fields beyond which there is no muscle, shape `(6, 2)`."""
         levels = np.tile([np.inf, -np.inf], (len(_MUSCLES), 1))
         for number in range(len(_MUSCLES)):
             here = label == number + 1
@@ -264,7 +264,7 @@ class _Calf(NamedTuple):
         return levels
 
     def substances(self, x: F64, y: F64, t: F64, levels: F64) -> I32:
-        """Index into `_SUBSTANCES` at places."""
+        """Index into `_SUBSTANCES` at given places."""
         xs, ys = x / self.scale, y / self.scale
         label, between, beside_mg = self._sorted(xs, ys, t)
         skin = self._skin(xs, ys, t)
@@ -297,7 +297,7 @@ class _Calf(NamedTuple):
         for number, muscle in enumerate(_MUSCLES):
             a, b = (axis * _taper(muscle, t) for axis in muscle.semi_axes)
             inside[number] = _depth(*_turned(muscle, x, y), a, b)
-        # The others keep off the medial gastrocnemius, the bones and the fat under the skin.
+        # The others stay clear of the medial gastrocnemius, the bones and the fat under the skin.
         apart = max(self.septum, self.aponeurosis)
         room = np.minimum.reduce(
             [self._skin(x, y, t) - _SKIN - _FAT, -bone - self.septum, -inside[0] - apart]
@@ -311,9 +311,9 @@ class _Calf(NamedTuple):
         return label, (order[-1] > 0) & ~alone, -inside[0]
 
     def _inclusions(self, number: int, x: F64, y: F64, t: F64) -> tuple[F64, F64]:
-        """Fields whose high places are streaks of fat and whose low ones are sheets [-].
+        """Fields whose maxima are streaks of fat and whose minima are sheets [-].
 
-        Both change little along z; wave lengths are millimetres whatever the scale.
+        Both change little along z; wavelengths are in millimetres, independent of the scale.
         """
         u, v = _turned(_MUSCLES[number], x / self.scale, y / self.scale)
         u, v, z = u * self.scale, v * self.scale, t * self.length
@@ -331,7 +331,7 @@ def _shading(x: F64, y: F64, t: F64) -> F64:
 
 
 def _fibers(label: I32, x: F64, y: F64, t: F64, pennation: float) -> F64:
-    """Fiber directions: pennate, a little fanned across the muscle, flatter towards the top."""
+    """Fiber directions: pennate, slightly fanned across the muscle, flatter towards the top."""
     fiber = np.zeros((*label.shape, 3))
     for number, muscle in enumerate(_MUSCLES, start=1):
         here = label == number
@@ -364,7 +364,7 @@ def noisy_tensors(clean: F64, body: Mask, snr: float, random: np.random.Generato
 def muscle_tensors(muscle: Mask, fiber: F64, body: Mask) -> F64:
     """Diffusion tensors without noise, xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [mm^2/s].
 
-    - `muscle`, `body`: voxels of muscle, and of all inside the skin, shape `(ni, nj, nk)`
+    - `muscle`, `body`: voxels of muscle, and of everything inside the skin, shape `(ni, nj, nk)`
     - `fiber`: unit vectors in muscle, shape `(ni, nj, nk, 3)` [-]
     """
     # Second direction: perpendicular to the fiber, in the section.

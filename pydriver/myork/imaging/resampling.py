@@ -1,8 +1,8 @@
-"""Images brought onto the grid of another image of the same world.
+"""Images resampled onto the grid of another image in the same world frame.
 
-Where both grids have the same voxels in another order, values are reordered only. Elsewhere labels
-take the nearest voxel, scalars are interpolated linearly, tensors likewise by their components in
-the world frame, and fibers, which have no sign, by their dyads.
+Where both grids have the same voxels in another order, values are only reordered. Otherwise labels
+take the nearest voxel, scalars are interpolated linearly, tensors by their components in the world
+frame, and fibers, which have no sign, by their dyads.
 """
 
 from dataclasses import replace
@@ -18,18 +18,18 @@ from myork.imaging.geometry import Grid, corner_distance, corners, reordered, sa
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-#: How values come upon another grid
+#: Ways to resample values
 WAYS = ("nearest", "linear", "tensor-wise")
-# Labels that lose more of their volume than this are said.
+# Labels that lose more of their volume than this are reported.
 _LOST = 0.05
 
 
 class Move(NamedTuple):
-    """How an image came upon a grid."""
+    """Record of how an image was brought onto a grid."""
 
     file: str  #: Name of the image
     how: str  #: `reordered`, or one of `WAYS`
-    shift: float  #: How far the corners of both grids are apart at most, axes in one order [mm]
+    shift: float  #: Largest distance between the corners of both grids, axes in the same order [mm]
     said: str  #: A sentence for the log
     doubts: tuple[str, ...] = ()  #: Warnings
 
@@ -41,8 +41,8 @@ def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Mov
     - `like`: gives the grid
     - `way`: one of `WAYS`; by default `nearest` for labels and `linear` for images. With
       `tensor-wise` six values are a tensor and three a fiber, both in the world frame.
-    - returns the image, 0 where it does not reach, and how it came there; None where both grids are
-      one
+    - returns the image, 0 where it does not reach, and a record of the move; None where both grids
+      are equal
     - raises InputError: the images do not overlap
     """
     if same_grid(image, like):
@@ -77,7 +77,7 @@ def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Mov
 
 
 def _values(image: Image | Labels, like: Image | Labels, way: str) -> NDArray[Any]:
-    """Values of an image in the voxels of another one."""
+    """Values of an image at the voxels of another one."""
     data = image.data
     if way == "tensor-wise":
         return _tensors(image, like)
@@ -90,7 +90,7 @@ def _values(image: Image | Labels, like: Image | Labels, way: str) -> NDArray[An
 
 
 def _tensors(image: Image | Labels, like: Image | Labels) -> F64:
-    """Tensors in the voxels of another image, or fibers by their dyads."""
+    """Tensors at the voxels of another image, or fibers by their dyads."""
     data = np.asarray(image.data, float)
     if data.shape[3:] == (6,):
         return _mean(data, known_tensors(data), image, like)
@@ -108,7 +108,7 @@ def _tensors(image: Image | Labels, like: Image | Labels) -> F64:
 
 
 def _mean(data: F64, known: Mask, image: Image | Labels, like: Image | Labels) -> F64:
-    """Linear means of what is known, shape `(ni, nj, nk, nvalue)`; 0 where the nearest is not."""
+    """Linear means of known values, shape `(ni, nj, nk, nvalue)`; 0 if the nearest is unknown."""
     some = _sampled(known.astype(np.int8), image, like, 0) > 0
     weight = _sampled(known.astype(float), image, like, 1)
     found = np.zeros((*weight.shape, data.shape[3]))
@@ -127,13 +127,13 @@ def _sampled(data: NDArray[Any], image: Image | Labels, like: Image | Labels, or
 
 
 def _extent(image: Image | Labels) -> str:
-    """Box of the world in which the corners of an image lie [mm]."""
+    """Bounding box of the corners of an image in the world [mm]."""
     ends = zip("xyz", corners(image).min(axis=0), corners(image).max(axis=0), strict=True)
     return ", ".join(f"{axis} {low:.4g} to {high:.4g}" for axis, low, high in ends)
 
 
 def _lost(before: Labels, after: Labels) -> list[str]:
-    """Sentences on labels that the grid does not hold, or only a part of."""
+    """Sentences about labels that the grid contains only in part, or not at all."""
     volume = [float((one.data > 0).sum() * one.spacing.prod()) for one in (before, after)]
     kept = after.present
     gone = [name for number, name in before.present.items() if number not in kept]

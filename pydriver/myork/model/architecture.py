@@ -1,8 +1,8 @@
-"""Numbers that studies of muscles by MR print: size, fat, diffusion, fibers, PCSA.
+"""Muscle architecture as reported by MR studies: size, fat, diffusion, fibers, PCSA.
 
-The long axis of a muscle is the first principal axis of its voxels, where it is half as long again
-as the second one. Fibers are followed through the voxels of a muscle, from a thousand of them, both
-ways until they leave it; the median counts. PCSA is volume times the cosine of the pennation over
+The long axis of a muscle is the first principal axis of its voxels, if it is half as long again
+as the second one. From a thousand voxels of a muscle, fibers are traced both ways until they leave
+it; the median length is reported. PCSA is volume times the cosine of the pennation over
 the length of the fibers [1].
 
 Reference: [1] Lieber, Fridén, Muscle Nerve 23 (2000) 1647-1666
@@ -20,22 +20,22 @@ from myork.imaging.geometry import slice_axis
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-# A muscle has a long axis where the variance along it is so many times that along the second one.
+# Ratio of the variances along the first two principal axes from which on a muscle has a long axis.
 _LONG = 1.5**2
-# It is cut where an end of the image holds so much of its largest section.
+# Part of the largest section at an end of the image from which on the muscle is cut.
 _CUT = 0.1
-# Layers of voxels at the side of an image that a muscle may reach into without being cut
+# Layers of voxels at the side of an image that a muscle may enter without being cut
 _RIM = 2.0
-# Sides of an image by world axis, towards its low and its high end
+# Sides of an image by world axis, at its low and its high end
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
-# Fibers that are followed; part of them that must end in the image for their median to count
+# Number of fibers traced; part of them that must end inside the image for their median to be given
 _FIBERS, _WHOLE = 1000, 0.75
-# Steps of fibers in the smallest size of a voxel
+# Step length of fiber tracing, relative to the smallest voxel size
 _STEP = 0.5
 
 
 class Maps(NamedTuple):
-    """What is known of each voxel of a label map, on its grid; None where nothing is."""
+    """Known maps of the voxels of a label map, on its grid; None where unknown."""
 
     fibers: Image | None = None  #: Vectors in the world frame, shape `(ni, nj, nk, 3)`
     fat: Image | None = None  #: Fraction of fat [-]
@@ -51,19 +51,19 @@ class Numbers(NamedTuple):
     muscle: str  #: Name
     volume: float  #: Of its voxels [mm^3]
     area: float  #: Largest section across the voxel axis nearest to its long axis [mm^2]
-    fat_fraction: float | None  #: All its fat in all its signal [-]
+    fat_fraction: float | None  #: All its fat relative to all its signal [-]
     #: Medians of fractional anisotropy [-] and mean diffusivity [mm^2/s]
     fa: float | None
     md: float | None
     #: Median; None where a quarter of the fibers leave the image at an end of the muscle [mm]
     fiber_length: float | None
-    #: Median angle of the fibers to its long axis, None without one [degree]
+    #: Median angle between the fibers and its long axis, None without one [degree]
     pennation: float | None
     pcsa: float | None  #: None also for a muscle that the image cuts [mm^2]
     cut: bool  #: Whether the image cuts it
 
 
-#: Head and unit of each column of a table, and the power of the length in it
+#: Header and unit of each column of a table, and the power of the length in it
 COLUMNS: Mapping[str, tuple[str, str, int]] = {
     "volume": ("volume", "", 3),
     "area": ("area", "", 2),
@@ -80,8 +80,8 @@ def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -
     """Numbers of all muscles of a label map.
 
     - `labels`: label map
-    - `maps`: what is known of its voxels
-    - `left_out`: labels that are no muscles
+    - `maps`: known maps of its voxels
+    - `left_out`: labels that are not muscles
     """
     if maps.fibers is not None:
         maps = maps._replace(fibers=replace(maps.fibers, data=unit_vectors(maps.fibers.data)[0]))
@@ -89,7 +89,7 @@ def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -
 
 
 def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:
-    """All fat of some voxels in all of their signal [-]; None where they have no signal.
+    """Total fat of some voxels relative to their total signal [-]; None without signal.
 
     - `own`: the voxels, shape `(ni, nj, nk)`
     - `fraction`, `signal`: fraction of fat [-] and signal of water and fat
@@ -130,13 +130,13 @@ def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
 
 
 def _median(values: F64) -> float | None:
-    """Median of what is finite."""
+    """Median of the finite values."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else None
 
 
 def long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
-    """Long axis of a muscle in the world, None without one, and the voxel axis nearest to it."""
+    """Long axis of a muscle in the world (None without one), and the voxel axis nearest to it."""
     place = labels.world(np.argwhere(own))
     place = place - place.mean(axis=0)
     variance, axes = np.linalg.eigh(place.T @ place)
@@ -147,10 +147,10 @@ def long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
 
 
 def cut_sides(labels: Labels, number: int) -> list[str]:
-    """Sides of the image that cut off a part of a muscle, its ends along slices left out.
+    """Sides of the image that cut off a part of a muscle, except its ends along the slices.
 
     A round muscle that only touches a side has there, within two voxels of its rim, a chord that
-    follows from its width; a longer one is a cut.
+    follows from its width; a longer chord means that it is cut.
     """
     own = labels.data == number
     _, along = long_axis(labels, own)
@@ -191,5 +191,5 @@ def _median_length(fibers: Image, own: Mask, seeds: NDArray, axis: int) -> float
             found = unit[near][inside]
             sign = np.where((found * heading).sum(axis=1) < 0, -1.0, 1.0)[:, np.newaxis]
             heading = np.where(found.any(axis=1, keepdims=True), sign * found, heading)
-        whole[going] = False  # goes round
+        whole[going] = False  # closed loops
     return float(np.median(length[whole])) if whole.mean() >= _WHOLE else None

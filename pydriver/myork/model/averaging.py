@@ -1,13 +1,13 @@
-"""Average of diffusion tensors inside a muscle: their logarithms, their trust, the width.
+"""Averaging of diffusion tensors inside a muscle: logarithms, trust, width.
 
 Logarithms are averaged under a Gaussian within one label, so that fibers keep their direction up to
-its border. Tensors whose trace lies far from that of the muscle (fat, connective tissue) hardly
-count.
+its border. Tensors whose trace lies far from that of the muscle (fat, connective tissue) get little
+weight.
 
-The width is the one by which tensors around a voxel predict its own best. Neighbours whose noise is
-alike, as in interpolated images, would predict it by that: they are left out, in each direction as
-many as the variogram shows. Where the narrowest width predicts best, a usual one is taken. Families
-of fibers within a label, as of muscles that lean against each other, are found by the same error.
+The width is the one with which tensors around a voxel best predict its own. Neighbours with
+correlated noise, as in interpolated images, would predict that noise; they are left out, as many in
+each direction as the variogram shows. Where the narrowest width predicts best, a usual one is
+taken. Families of fibers within a label, as in adjacent muscles, are found by the same error.
 
 References: Arsigny, Fillard, Pennec, Ayache, Magn. Reson. Med. 56 (2006), doi:10.1002/mrm.20965;
 Stone, J. R. Stat. Soc. B 36 (1974), doi:10.1111/j.2517-6161.1974.tb00994.x (cross-validation);
@@ -27,29 +27,29 @@ from myork.records import Image
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32, Mask
 
-#: Gaussian weight below which a place counts as having no usable neighbour [-]
+#: Gaussian weight below which a place has no usable neighbour [-]
 LEAST_WEIGHT = 1e-8
 
 
-_TRUNCATE = 3.0  # standard deviations at which Gaussians end
+_TRUNCATE = 3.0  # standard deviations at which Gaussians are truncated
 # Traces this many times the scatter away from the median have a fourth of the trust; the scatter
-# is at least that of a change of the diffusivity by so much.
+# is at least that of this change of the diffusivity.
 _STRANGE, _LEAST_SCATTER = 2.5, 0.02
-# Widths that are tried, in voxels of the smallest size; the usual one where they do not differ
+# Widths tried, in units of the smallest voxel size; the usual one where they do not differ
 _WIDTHS = (0.6, 0.8, 1.0, 1.2, 1.6, 2.0, 2.4, 3.2, 4.0, 4.8)
 _USUAL = 1.6
-# Numbers of families of fibers that are tried; part of the error in which they are as good
+# Numbers of fiber families tried; relative difference of the error within which they are equal
 _FAMILIES, _AS_WELL = (2, 3, 4, 6, 8), 0.04
-# Noise of two voxels is alike above this correlation [-]; more voxels are never left out; pairs of
-# voxels that a correlation needs
+# Correlation above which the noise of two voxels counts as correlated [-]; most voxels left out;
+# pairs of voxels that a correlation needs
 _ALIKE, _FARTHEST, _PAIRS = 0.1, 2, 100
 
 
 def tensor_logarithms(tensor: Image, inside: Mask) -> tuple[F64, Mask]:
-    """Logarithms of the tensors, and where there are some.
+    """Logarithms of the tensors, and a mask of the voxels that have one.
 
     - `tensor`: components xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)` [any unit]
-    - `inside`: voxels that are wanted, shape `(ni, nj, nk)`
+    - `inside`: requested voxels, shape `(ni, nj, nk)`
     - returns components of the logarithms, zero where unusable, shape `(ni, nj, nk, 6)`; voxels
       whose tensor is finite and positive, shape `(ni, nj, nk)`
     """
@@ -66,7 +66,7 @@ def tensor_logarithms(tensor: Image, inside: Mask) -> tuple[F64, Mask]:
 
 
 def tensor_trust(logarithm: F64, usable: Mask, label: I32) -> F64:
-    """Weight of each tensor in the average of its label, 1 for the usual, shape `(ni, nj, nk)`.
+    """Weight of each tensor in the average of its label, 1 for a typical one, shape `(ni, nj, nk)`.
 
     - `logarithm`, `usable`: from `tensor_logarithms`
     - `label`: label of each voxel, shape `(ni, nj, nk)`
@@ -83,17 +83,17 @@ def tensor_trust(logarithm: F64, usable: Mask, label: I32) -> F64:
 
 
 class Average(NamedTuple):
-    """How tensors are averaged."""
+    """Parameters of the averaging of tensors."""
 
-    label: I32  #: Voxels that are averaged with each other have one number, shape `(ni, nj, nk)`
+    label: I32  #: Voxels with equal labels are averaged together, shape `(ni, nj, nk)`
     width: float  #: Standard deviation of the Gaussian [mm]
 
 
 def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Average:
-    """The Gaussian that predicts tensors from those around them best, within families of fibers.
+    """The Gaussian that best predicts tensors from those around them, within families of fibers.
 
-    Labels may hold several muscles. Averages of the whole labels are clustered by their fibers, and
-    the least number of clusters is taken whose averages predict tensors as well as any.
+    Labels may contain several muscles. Averages over whole labels are clustered by their fibers,
+    and the smallest number of clusters is taken whose averages predict tensors as well as any.
 
     - `logarithm`: logarithms of the tensors, shape `(ni, nj, nk, 6)`
     - `trust`: their weights, shape `(ni, nj, nk)`
@@ -117,12 +117,12 @@ def best_average(logarithm: F64, trust: F64, label: I32, spacing: F64) -> Averag
         if count == _FAMILIES[0] and not error < least:
             break
     best = min(error for error, _ in found)
-    # more families than there are part the blurred fibers between two of them
+    # too many families would split off the blurred fibers between two of them
     return next(average for error, average in found if not error > best * (1.0 + _AS_WELL))
 
 
 def label_fibers(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[F64, Mask]:
-    """Fibers of averages within each label, shape `(ni, nj, nk, 3)`, and where there are any."""
+    """Fibers of averages within each label, shape `(ni, nj, nk, 3)`, and where they exist."""
     fiber, known = np.zeros((*label.shape, 3)), np.zeros(label.shape, bool)
     for box, here in boxes_of(label):
         weight = trust[box] * here
@@ -136,29 +136,29 @@ def label_fibers(logarithm: F64, trust: F64, label: I32, sigma: F64) -> tuple[F6
 def _width(
     logarithm: F64, trust: F64, label: I32, spacing: F64, alike: Sequence[int]
 ) -> tuple[float, float]:
-    """Width that predicts best [mm], and the mean square error of its predictions."""
+    """Width of the best prediction [mm], and the mean square error of its predictions."""
     smallest = float(spacing[np.array(label.shape) > 1].min(initial=np.inf))
     smallest = smallest if np.isfinite(smallest) else float(spacing.min())
-    # Of a narrower one hardly anything lies beyond what is left out.
+    # With a narrower Gaussian hardly any weight lies beyond the voxels left out.
     widths = [width for width in _WIDTHS if width >= _WIDTHS[0] * (1 + max(alike))]
     best, least = _USUAL * smallest, np.inf
     for width in smallest * np.array(widths):
         error = _prediction_error(logarithm, trust, label, width / spacing, alike)
         if not error < least:
             if np.isfinite(error):
-                break  # the error falls with the noise and then rises with the bends
+                break  # the error decreases with the noise and then increases as fibers bend
             continue
         best, least = float(width), error
-    # The narrowest is best where there is no noise, or where that of neighbours is alike.
+    # The narrowest is best without noise, or where the noise of neighbours is correlated.
     return (best if best > smallest * _WIDTHS[0] else _USUAL * smallest), least
 
 
 def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
-    """Neighbours along an axis whose noise is like that of a voxel.
+    """Number of neighbours along an axis whose noise is correlated with that of a voxel.
 
-    Half the mean square difference of tensors so many voxels apart is the variance of their noise
-    times one less its correlation, and grows with the square of the distance as fibers bend. Noise
-    three and four voxels apart has nothing in common: there both can be separated.
+    Half the mean square difference of tensors at a distance in voxels is the noise variance times
+    one minus its correlation, plus a part that grows with the square of the distance as fibers
+    bend. Noise three and four voxels apart is uncorrelated, which separates the two parts.
 
     - `shape`: logarithms without their traces, shape `(ni, nj, nk, 6)`
     - `trust`, `label`: as in `best_average`
@@ -175,7 +175,7 @@ def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
         half[k - 1] = 0.5 * (both @ ((value - other)[pairs] ** 2 @ SQUARES)) / both.sum()
     bend = max((half[3] - half[2]) / 7.0, 0.0)
     noise = half[2] - 9.0 * bend
-    if not noise > 0:  # nor where there are too few voxels
+    if not noise > 0:  # also where there are too few voxels
         return 0
     like = 1.0 - (half - bend * apart**2) / noise > _ALIKE
     return int(np.cumprod(like[:_FARTHEST]).sum())
@@ -184,7 +184,7 @@ def _alike(shape: F64, trust: F64, label: I32, axis: int) -> int:
 def _prediction_error(
     logarithm: F64, trust: F64, label: I32, sigma: F64, alike: Sequence[int]
 ) -> float:
-    """Mean square error of directions and shapes of tensors predicted by those around them."""
+    """Mean square error of directions and shapes of tensors predicted from those around them."""
     inner = []
     for s, beside in zip(sigma, alike, strict=True):
         reach = int(_TRUNCATE * s + 0.5)  # as in scipy

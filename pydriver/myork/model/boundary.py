@@ -1,8 +1,8 @@
-"""Boundary points of a voxel body: its ends, what looks at bone and the rest of its surface.
+"""Boundary points of a voxel body: its ends, its faces towards bone and the rest of its surface.
 
-Centres of surface voxels lie up to half a voxel inside, and conditions there model a body thinner
-by a voxel; they are moved onto the surface. Across a plane surface the blurred body falls like the
-normal distribution, so that its value gives the distance.
+Centres of surface voxels lie up to half a voxel inside, so that conditions there would model a body
+thinner by a voxel; they are moved onto the surface. Across a plane surface the blurred body follows
+the normal distribution, so that its value gives the distance.
 """
 
 from collections.abc import Sequence
@@ -19,37 +19,37 @@ from myork.model.points import BONE, first_voxel
 from myork.records import Labels
 from myork.types import F64, I32, Index, Mask
 
-# Standard deviation of the blur [voxel]: as far as a stair of the voxels reaches.
+# Standard deviation of the blur [voxel]: as wide as the stairs of the voxels.
 _BLUR = 1.0
 # Layers added around the body, further than the blur reaches.
 _LAYERS = 5
-# A rim point moves in its end plane only; where the surface leaves that plane at less than about
-# 17 degrees it stays.
+# A rim point moves only within its end plane; where the surface makes an angle of less than about
+# 17 degrees with that plane, it stays.
 _FLAT = 0.3
-# Points nearer to each other than this came from two sides of a hole [voxel].
+# Points closer to each other than this come from two sides of a hole [voxel].
 _APART = 0.2
 
 
 @dataclass(frozen=True)
 class Boundary:
-    """Boundary points set by set."""
+    """Boundary points by set."""
 
     names: tuple[str, ...]  #: Names of the sets
     point: Index  #: Index of the voxel in the list of body voxels, shape `(nboundary,)`
     set: Index  #: Index into `names`, shape `(nboundary,)`
     normal: F64  #: Outward unit normals, shape `(nboundary, 3)` [-]
-    area: F64  #: Facet area projected on the plane across the normal, shape `(nboundary,)` [mm^2]
+    area: F64  #: Facet area projected on the plane normal to it, shape `(nboundary,)` [mm^2]
 
 
 def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
     """Boundary points of a body: `bottom` and `top` (end slices), `bone` and `surface` (the rest).
 
-    A voxel at the rim of an end slice belongs to its end and to the surface, one between bone and
-    skin to both. A single slice has no ends; without bone there is no such set.
+    A voxel at the rim of an end slice belongs to the end and to the surface, one between bone and
+    skin to both. A single slice has no ends; without bone there is no set `bone`.
 
     - `labels`: labels above zero are the body, `BONE` bounds it
-    - `around`: labels with one layer more on all four sides, `bone_beside`; without it nothing is
-      there
+    - `around`: labels with one more layer on all four sides, see `bone_beside`; by default that
+      layer is empty
     """
     body = labels.data > 0
     spacing = labels.spacing
@@ -57,7 +57,7 @@ def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
     index[body] = np.arange(int(body.sum()))
     flat = body.shape[2] == 1
 
-    # Beyond the end slices lies a cut, neither surface nor bone.
+    # Beyond the end slices the body is cut: neither surface nor bone.
     if around is None:
         around = np.pad(labels.data, [(1, 1), (1, 1), (0, 0)])
     around = np.pad(around, [(0, 0), (0, 0), (1, 1)], mode="edge")
@@ -72,7 +72,7 @@ def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
         here = body & (facets.sum(axis=(-1, -2)) > 0)
         if here.any() or name == "surface":
             area = _projected(facets[here], normal[here])
-            # A facet of a set may look away from the mean normal of both sets.
+            # A facet of one set may face away from the mean normal of both sets.
             away = area <= 0
             area[away] = facets[here][away].sum(axis=(-1, -2))
             parts.append((name, index[here], normal[here], area))
@@ -92,10 +92,10 @@ def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
 
 
 def _wall_normals(body: Mask, spacing: F64, voxels: Index, facets: F64) -> F64:
-    """Outward normals at voxels of the wall, from their facets where the level set has none."""
+    """Outward normals at wall voxels, from their facets where the level set gives none."""
     normal = surface_normals(body, spacing, voxels)
-    # In a sheet one voxel thick the distance has no slope across it: its facets decide there, the
-    # upper ones where both sides are equal.
+    # In a sheet one voxel thick the distance has no slope across it; there the facets decide, the
+    # upper ones if both sides are equal.
     lost = _projected(facets, normal) <= 0
     sides = facets[lost, :, 1] - facets[lost, :, 0]
     sides = np.where(sides.any(axis=1, keepdims=True), sides, facets[lost, :, 1])
@@ -104,13 +104,13 @@ def _wall_normals(body: Mask, spacing: F64, voxels: Index, facets: F64) -> F64:
 
 
 def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
-    """Labels of merged voxels with one layer more on all four sides, where bone may lie.
+    """Labels of merged voxels with one more layer on all four sides, where bone may lie.
 
-    The body is cut to the box of its own voxels; bone beyond the box bounds it all the same. A
-    block of the layer is bone where that fills more than half of it.
+    The body is cut to the bounding box of its voxels; bone beyond the box still bounds it. A
+    block of the layer is bone where bone fills more than half of it.
 
-    - `labels`: labels as they were selected, not trimmed
-    - `merged`: the trimmed and merged ones, shape `(ni, nj, nk)`
+    - `labels`: labels as selected, not trimmed
+    - `merged`: the trimmed and merged labels, shape `(ni, nj, nk)`
     - `block`: voxels per block in each direction
     - returns shape `(ni + 2, nj + 2, nk)`
     """
@@ -127,17 +127,17 @@ def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
 
 
 def _projected(areas: F64, normal: F64) -> F64:
-    """Facets, shape `(n, 3, 2)`, projected along normals they face, shape `(n,)` [mm^2]."""
+    """Facet areas, shape `(n, 3, 2)`, projected along normals they face, shape `(n,)` [mm^2]."""
     upper = np.maximum(areas[:, :, 1] * normal, 0.0)
     lower = np.maximum(-areas[:, :, 0] * normal, 0.0)
     return (upper + lower).sum(axis=1)
 
 
 def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
-    """Area of the facets of a body to other voxels, `(..., 3, 2)`: direction, lower and upper side.
+    """Area of facets of a body to other voxels, `(..., 3, 2)`: direction, lower and upper side.
 
     - `body`: shape `(ni, nj, nk)`
-    - `beyond`: the other voxels, with a layer more on all sides
+    - `beyond`: the other voxels, with one more layer on all sides
     - `spacing`: voxel size, shape `(3,)` [mm]
     """
     facets = np.zeros((*body.shape, 3, 2))
@@ -150,11 +150,11 @@ def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:
 
 
 def surface_offsets(body: Mask, spacing: F64, voxels: Index, normal: F64) -> F64:
-    """Moves that bring surface voxels' centres onto the surface.
+    """Displacements that move the centres of surface voxels onto the surface.
 
-    The body is taken to go on beyond its first and last slice, whose points stay in their plane.
-    No point moves inwards, none by more than a voxel, and those that would meet in a hole of one
-    voxel by half of that.
+    The body is assumed to continue beyond its first and last slice, whose points stay in their
+    plane. No point moves inwards or by more than a voxel; those that would meet in a hole of one
+    voxel move by half of that.
 
     - `body`: voxels of the body, shape `(ni, nj, nk)`
     - `spacing`: voxel size, shape `(3,)` [length]

@@ -16,21 +16,21 @@ from myork.model.flow import flow_fibers
 from myork.model.shares import LabelParts, checked_parts, label_shares
 from myork.records import Image, Labels, PointCloud, Voxels
 
-# A cut plane with fewer points can hold the model only badly.
+# A cut plane with fewer points supports the model poorly.
 _FEW_AT_END = 6
-# An end with less of the largest section is a tip; slices that are no tip have so much of it
+# An end below this part of the largest section is a tip; other slices have at least the second part
 _TIP, _BLUNT = 0.05, 0.2
 # Ends of a model along x, y, z
 _SIDES = ({"x0", "x1"}, {"y0", "y1"}, {"bottom", "top"})
 
 
 class Body(NamedTuple):
-    """What points are made of, on one grid."""
+    """Data from which points are made, on one grid."""
 
     labels: Labels  #: Label map, in any orientation
     fibers: Image | None = None  #: Fiber vectors in the world frame
-    activation: Image | None = None  #: Part of its muscle's activation that each voxel has
-    #: Part of each voxel that each label above zero fills, labels ascending, shape
+    activation: Image | None = None  #: Fraction of its muscle's activation in each voxel
+    #: Fraction of each voxel filled by each label above zero, labels ascending, shape
     #: `(ni, nj, nk, nlabel)`
     fractions: Image | None = None
 
@@ -48,15 +48,15 @@ def build_cloud(
 ) -> tuple[PointCloud, list[str]]:
     """Make the points of a model from labels and fibers.
 
-    A single slice becomes a prism, slices are cut and fibers laid along a flow before, as the table
-    wants it.
+    Before that, as the table asks for it, a single slice becomes a prism, slices are cut and fibers
+    follow a flow.
 
-    - `labels`, `fibers`, `activation`, `fractions`: as of `Body`
+    - `labels`, `fibers`, `activation`, `fractions`: as in `Body`
     - `table`: table `build` of the deck
     - `unit`: unit of length of the model
-    - `source_images`: names and check sums of the files behind the arguments
+    - `source_images`: names and checksums of the files behind the arguments
     - `progress`: called with a line of text at a time
-    - `held`: sides that conditions act on, None for any: tips that are free need no warning
+    - `held`: constrained sides, None for any; free tips need no warning
     - returns the points and warnings
     """
     block, stride = table["collocation_stride"], table["source_stride"]
@@ -93,12 +93,12 @@ def build_cloud(
     place = points.positions(coarse, voxels)
     origin = points.positions(coarse, np.zeros(3, np.int32))
     wall = np.flatnonzero(np.isin(np.array(boundary.names)[boundary.set], ("surface", "bone")))
-    # A point between skin and bone stands in both sets, with one normal.
+    # A point between skin and bone belongs to both sets, with one normal.
     point, first = np.unique(boundary.point[wall], return_index=True)
     place[point] += surface_offsets(
         body, coarse.spacing, voxels[point], boundary.normal[wall[first]]
     )
-    if body.shape[2] > 1:  # centres of the end slices onto the ends; a single slice is plane
+    if body.shape[2] > 1:  # move centres of the end slices onto the ends; a single slice is plane
         place[voxels[:, 2] == 0, 2] -= 0.5 * coarse.spacing[2]
         place[voxels[:, 2] == body.shape[2] - 1, 2] += 0.5 * coarse.spacing[2]
 
@@ -142,7 +142,7 @@ def _prepared(
     progress: ProgressCallback,
     held: Collection[str | None],
 ) -> Body:
-    """The body as a prism and with fibers of a flow, if the deck asks for it."""
+    """The body extruded to a prism and with fibers along a flow, if the deck asks for it."""
     labels, fibers, activation, fractions = body
     if "extrude" in table:
         length = table["extrude"]
@@ -164,7 +164,7 @@ def _prepared(
 
 
 def _flow_axis(labels: Labels, held: Collection[str | None]) -> int:
-    """Axis from end to end: between held sides, else the long one of all labels, else z."""
+    """Axis from end to end: between constrained sides, else the long axis of all labels, else z."""
     for axis, sides in ((2, _SIDES[2]), (0, _SIDES[0]), (1, _SIDES[1])):
         if sides <= set(held):
             return axis
@@ -173,7 +173,7 @@ def _flow_axis(labels: Labels, held: Collection[str | None]) -> int:
 
 
 def _tips(chosen: Labels, held: Collection[str | None]) -> list[str]:
-    """Sentences about held ends that are a small part of the largest section, and what to do."""
+    """Warnings about constrained ends much smaller than the largest section, with remedies."""
     body = chosen.data > 0
     area = body.sum(axis=(0, 1))
     filled = np.flatnonzero(area)
@@ -195,7 +195,7 @@ def _tips(chosen: Labels, held: Collection[str | None]) -> list[str]:
 
 
 def _doubts(coarse: Labels, boundary: Boundary) -> list[str]:
-    """Sentences about what may trouble the solution."""
+    """Warnings about features that may impair the solution."""
     body = coarse.data > 0
     warnings = []
     if body.shape[2] == 1:

@@ -1,6 +1,6 @@
 """Fiber directions: from diffusion tensors to voxels, from voxels to points.
 
-A direction and its opposite are the same fiber, so vectors are never averaged: tensors are
+A direction and its opposite are the same fiber, so vectors are never averaged directly: tensors are
 averaged by their logarithms, vectors by their dyads, and the lead eigenvector of the average is
 the fiber.
 """
@@ -34,18 +34,18 @@ class FiberField(NamedTuple):
 
     #: Unit vectors in the world frame, zero outside of the tissue, shape `(ni, nj, nk, 3)`
     fibers: Image
-    #: Voxels whose own tensor was unusable (not finite or not positive): they took the average
+    #: Voxels whose own tensor was unusable (not finite or not positive) and replaced by the average
     #: around them
     filled: int
-    #: Voxels with nothing usable within the reach of the average, or beyond the image of the
-    #: tensors: they took the average at the nearest voxel that has one
+    #: Voxels without usable data within reach of the average, or outside the tensor image; they
+    #: took the average at the nearest voxel that has one
     far: int
     distance: float  #: Largest distance to such a voxel [mm]
     smoothing: float  #: Standard deviation of the average [mm]
-    axes: Finding = Finding([], "", "")  #: What fibers of labels say about the gradient axes
+    axes: Finding = Finding([], "", "")  #: Evidence of the fibers of labels on the gradient axes
 
     def doubts(self) -> list[str]:
-        """Sentences about wrong gradient axes and fibers that are not those of their tensors."""
+        """Warnings about wrong gradient axes, and about fibers not taken from their own tensors."""
         sentences = [self.axes.doubt] if self.axes.doubt else []
         if self.filled:
             sentences.append(
@@ -65,10 +65,10 @@ def fiber_field(tensor: Image, tissue: NDArray[Any], smoothing: float | None) ->
 
     - `tensor`: components xx, yy, zz, xy, xz, yz in the world frame, shape `(ni, nj, nk, 6)` [any
       unit]
-    - `tissue`: voxels of the tissue (true, or the label of a muscle); only those of one label are
-      averaged, so that fibers keep their direction up to the border, shape `(ni, nj, nk)`
+    - `tissue`: voxels of the tissue (true, or the label of a muscle), shape `(ni, nj, nk)`; only
+      those of one label are averaged, so that fibers keep their direction up to the border
     - `smoothing`: standard deviation of the Gaussian weights of the log-Euclidean average [mm];
-      None takes the one that predicts tensors best, within families of fibers, see `best_average`
+        None takes the one that predicts tensors best, within families of fibers, see `best_average`
     """
     label = np.asarray(tissue).astype(np.int32)
     inside = label != 0
@@ -104,13 +104,13 @@ def fibers_of_labels(
 ) -> FiberField:
     """Fibers of labels from tensors on any grid of the same world, on the grid of the labels.
 
-    Tensors are averaged where they were measured: interpolated ones share their noise, and the
-    width of the average would follow from that.
+    Tensors are averaged on the grid of their measurement: interpolated ones share their noise,
+    which would determine the width of the average.
 
-    - `tensor`, `smoothing`: as of `fiber_field`
+    - `tensor`, `smoothing`: as in `fiber_field`
     - `labels`: muscles
-    - `muscles`: those by whose walls and names the gradient axes are checked, on the same grid; by
-      default the labels
+    - `muscles`: muscles whose walls and names are used to check the gradient axes, on the same
+      grid; by default the labels
     """
     there, move = on_grid(labels, tensor)
     found = fiber_field(tensor, there.data, smoothing)
@@ -130,12 +130,12 @@ def fibers_of_labels(
 
 
 def _fill(fiber: F64, known: Mask, label: I32, spacing: F64) -> F64:
-    """Give voxels without a fiber that of the nearest one, of their own label if it has any.
+    """Give voxels without a fiber that of the nearest one, of their own label if possible.
 
     - `fiber`: changed in place, shape `(ni, nj, nk, 3)`
     - `known`: voxels that have a fiber, shape `(ni, nj, nk)`
-    - `label`: labels, 0 where nothing is wanted, same shape
-    - returns distance to that voxel, zero where nothing was missing, same shape [mm]
+    - `label`: labels, 0 outside the requested voxels, same shape
+    - returns distance to that voxel, zero where a fiber was known, same shape [mm]
     """
     away = np.zeros(label.shape)
     for number in np.unique(label[(label != 0) & ~known]):
@@ -154,12 +154,12 @@ def fibers_at_points(
 ) -> F64:
     """Fiber vectors at points, in the frame of the voxel axes.
 
-    - `fibers`: vectors in the world frame, zero or not a number where there is none, on the grid of
+    - `fibers`: vectors in the world frame, zero or not a number where unknown, on the grid of
       `labels`, shape `(ni, nj, nk, 3)`
     - `labels`: labels; only voxels of a point's own label count for it
     - `place`: voxel indices of the points, whole or between voxels, shape `(npoint, 3)`
     - `label`: labels of the points, shape `(npoint,)`
-    - `block`: voxels per point in each direction: the scale of the average
+    - `block`: voxels per point in each direction, the length scale of the average
     - returns unit vectors, shape `(npoint, 3)`; zeros for a label without any fiber
     """
     unit, valid = unit_vectors(fibers.data)
@@ -188,10 +188,10 @@ def fibers_at_points(
 def activation_at_points(
     image: Image, labels: Labels, place: F64, label: I32, block: Sequence[int]
 ) -> F64:
-    """Part of their muscle's activation that points have.
+    """Fraction of their muscle's activation at points.
 
-    - `image`: parts from 0 to 1 on the grid of `labels`, shape `(ni, nj, nk)`
-    - `labels`, `place`, `label`, `block`: as of `fibers_at_points`
+    - `image`: fractions from 0 to 1 on the grid of `labels`, shape `(ni, nj, nk)`
+    - `labels`, `place`, `label`, `block`: as in `fibers_at_points`
     - returns shape `(npoint,)` [-]
     """
     bad = np.argwhere((labels.data > 0) & ~((image.data >= 0) & (image.data <= 1)))
@@ -210,7 +210,7 @@ def activation_at_points(
 
 
 def _averages(values: F64, usable: Mask, place: F64, block: Sequence[int]) -> tuple[F64, F64]:
-    """Sums of usable values around places and of their weights, `(n, nvalue)` and `(n,)`."""
+    """Sums of usable values around places, and of their weights, `(n, nvalue)` and `(n,)`."""
     some = np.where(usable[..., np.newaxis], values, 0.0)
     sums, weight = gathered(some, usable, 0.5 * np.array(block, float))
     near, *found = (

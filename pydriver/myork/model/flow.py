@@ -1,8 +1,8 @@
-"""Fibers where nothing was measured: along a flow through the muscle, from one end to the other.
+"""Fibers without measurements: along a potential flow through the muscle, from end to end.
 
-The flow is that of a potential, 0 in the first slice of a muscle and 1 in the last, with nothing
-through its sides: fibers run along the walls and close up where the muscle grows thin. It is a
-guess for muscles whose fibers go from end to end. It knows nothing of pennate ones.
+The potential is 0 in the first slice of a muscle and 1 in the last, with no flux through its sides:
+fibers run along the walls and converge where the muscle becomes thin. It is a guess for muscles
+whose fibers run from end to end, and does not describe pennate ones.
 
 Reference: Choi, Blemker, PLoS ONE 8 (2013), doi:10.1371/journal.pone.0077576
 """
@@ -16,18 +16,18 @@ from myork.imaging.geometry import boxes_of, canonical, frame, neighbours, with_
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-_TOLERANCE = 1e-5  # residual of the potential, relative; directions are then known to a degree
-_LEAST = 1e-12  # smallest flow that has a direction, of the largest
+_TOLERANCE = 1e-5  # relative residual of the potential; directions are then accurate to a degree
+_LEAST = 1e-12  # smallest flow with a defined direction, relative to the largest
 
 
 def flow_fibers(labels: Labels, axis: int = 2) -> Image:
-    """Fiber vectors of all voxels with a label, each connected piece of a label by itself.
+    """Fiber vectors of all voxels with a label, by connected component of each label.
 
     - `labels`: label map, in any orientation
-    - `axis`: world axis along which slices follow each other, 0 to 2
-    - returns unit vectors in the world frame on the grid of the labels with its axes turned to the
-      nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`
-    - raises ConvergenceError: the potential of a piece is not found
+    - `axis`: world axis along which slices are stacked, 0 to 2
+    - returns unit vectors in the world frame on the grid of the labels with its axes reordered to
+      the nearest world axes (`canonical`), zero outside, shape `(ni, nj, nk, 3)`
+    - raises ConvergenceError: the potential of a component did not converge
     """
     whole = with_axis_at(canonical(labels), axis, 2)
     flow = np.zeros((*whole.data.shape, 3))
@@ -37,7 +37,7 @@ def flow_fibers(labels: Labels, axis: int = 2) -> Image:
             flow[box][here] = _flow(here, whole.spacing)
     length = np.linalg.norm(flow, axis=-1, keepdims=True)
     still = (whole.data > 0) & (length[..., 0] <= _LEAST * length.max(initial=0.0))
-    flow[still] = [0.0, 0.0, 1.0]  # a dead end, through which nothing flows
+    flow[still] = [0.0, 0.0, 1.0]  # a dead end without flow
     length[still] = 1.0
     unit = np.divide(flow, length, out=np.zeros_like(flow), where=length > 0)
     fibers = Image(unit @ frame(whole.affine).T, whole.affine, "fibers of the flow")
@@ -45,10 +45,10 @@ def flow_fibers(labels: Labels, axis: int = 2) -> Image:
 
 
 def _flow(here: Mask, spacing: F64) -> F64:
-    """Flow through the voxels of a piece, in their order, shape `(n, 3)` [1/mm].
+    """Flow through the voxels of a component, in their order, shape `(n, 3)` [1/mm].
 
-    Between neighbours it is the difference of the potential over their distance; that of a voxel
-    is the mean of its two faces in each direction, where a wall counts with none.
+    Between neighbours it is the difference of the potential over their distance; in a voxel it
+    is the mean of its two faces in each direction, with zero at a wall.
     """
     count = int(here.sum())
     layer = np.argwhere(here)[:, 2]
@@ -58,7 +58,7 @@ def _flow(here: Mask, spacing: F64) -> F64:
     for d, pair in enumerate(pairs):
         for one in pair:
             np.add.at(diagonal, one, spacing[d] ** -2)
-    # the ends lie on the outer faces, half a voxel from the middle
+    # the ends lie on the outer faces, half a voxel from the centres
     for points, value in zip(ends, (0.0, 1.0), strict=True):
         diagonal[points] += 2.0 * spacing[2] ** -2
         load[points] += 2.0 * value * spacing[2] ** -2

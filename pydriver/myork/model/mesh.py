@@ -1,6 +1,6 @@
-"""Models from a closed surface and the lines of its fibers instead of images.
+"""Models from a closed surface and fiber lines instead of images.
 
-Coordinates are taken as world coordinates (right, anterior, superior).
+Coordinates are world coordinates (right, anterior, superior).
 """
 
 import importlib
@@ -16,7 +16,7 @@ from myork.imaging.diffusion import lead_vector, tensor_components
 from myork.records import Image, Labels
 from myork.types import F64
 
-# Segments of tracts that make the direction of a voxel: about ten tracts at their usual density
+# Segments of tracts that determine the direction of a voxel: about ten tracts at usual density
 _NEAREST = 24
 
 
@@ -63,17 +63,17 @@ def voxelise(path: Path, to_mm: float, spacing: Sequence[float], name: str) -> L
 
 
 def _read_mesh(path: Path) -> tuple[Any, Any]:
-    """A mesh of any kind that VTK reads, and its skin of triangles."""
+    """A mesh of any format that VTK reads, and its surface of triangles."""
     pyvista = optional("pyvista", "viz", f"{path}: a surface")
     if not path.is_file():
         raise FileError(f"{path}: there is no such file")
     try:
-        with pyvista.VtkErrorCatcher(raise_errors=True):  # VTK goes on with what it could read
+        with pyvista.VtkErrorCatcher(raise_errors=True):  # else VTK continues with partial data
             mesh = pyvista.read(path)
         if not np.isfinite(mesh.points).all():
             raise ValueError("a point is not finite")
         skin = mesh.extract_surface(algorithm="dataset_surface").triangulate().clean()
-    except Exception as reason:  # VTK's readers raise what they like
+    except Exception as reason:  # VTK's readers raise any exception
         said = " ".join(str(reason).split()) or type(reason).__name__
         raise FileError(
             f"{path}: cannot be read: {said}; the file is damaged or not a mesh: write it again"
@@ -87,7 +87,7 @@ def read_tracts(path: Path, to_mm: float) -> list[F64]:
     - `path`: NumPy archive with `points` (n, 3) and `offsets` (where each line starts, or also
       where the last ends), or a structured grid (VTS) whose third index runs along the fibers
     - `to_mm`: millimetres in the unit of the file
-    - returns points of each line, shape `(m, 3)`, two at least [mm]
+    - returns points of each line, shape `(m, 3)`, at least two [mm]
     """
     if path.suffix == ".npz":
         lines = _archived_lines(path)
@@ -114,7 +114,7 @@ def _archived_lines(path: Path) -> list[F64]:
             points, offsets = (
                 archive[key].astype(float, casting="same_kind") for key in ("points", "offsets")
             )
-    except Exception as reason:  # zip, zlib and NumPy each have errors of their own
+    except Exception as reason:  # zip, zlib and NumPy each raise their own errors
         raise InputError(
             f"{path}: needs the arrays points and offsets of numbers: "
             f"{' '.join(str(reason).split())}; write it again"
@@ -131,10 +131,10 @@ def _archived_lines(path: Path) -> list[F64]:
 
 
 def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") -> Image:
-    """Fiber vectors of all voxels of a label map from the nearest pieces of lines.
+    """Fiber vectors of all voxels of a label map from the nearest line segments.
 
-    Directions are averaged as dyads: a line has no sign. Weights fall off with the distance, so
-    that a voxel between lines gets the direction of all around it.
+    Directions are averaged as dyads: a line has no sign. Weights decrease with the distance, so
+    that a voxel between lines takes the mean direction of those around it.
 
     - `tracts`: points of each line, shape `(m, 3)` [mm]
     - `labels`: the body
@@ -158,7 +158,7 @@ def tract_fibers(tracts: Sequence[F64], labels: Labels, name: str = "tracts") ->
         )
     number = min(_NEAREST, len(direction))
     away, near = (a.reshape(len(place), number) for a in tree.query(place, k=number))
-    # Never narrower than a voxel: a line through the voxel must not decide alone.
+    # At least a voxel wide: a line through the voxel must not decide alone.
     width = np.maximum(0.5 * away[:, -1:], float(np.linalg.norm(labels.spacing)))
     weight = np.exp(-0.5 * (away / width) ** 2)
     vector = direction[near]

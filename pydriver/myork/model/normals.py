@@ -1,7 +1,7 @@
 """Outward normals of voxel bodies from a level set function phi.
 
-phi is positive inside, so the outward normal is -grad phi/|grad phi| (the sign of equation (3.2)
-is the other one). phi is the signed distance under a Gaussian.
+phi is positive inside, so the outward normal is -grad phi/|grad phi| (equation (3.2) has the
+opposite sign). phi is the signed distance smoothed by a Gaussian.
 """
 
 import numpy as np
@@ -9,22 +9,22 @@ from scipy import ndimage
 
 from myork.types import F64, Index, Mask
 
-# Standard deviation of the smoothing, across [voxel]: less leaves the stairs of the voxels in the
+# Standard deviation of the smoothing, in-plane [voxel]: less leaves the stairs of the voxels in the
 # normals, more rounds off thin bodies (see tests/imaging/test_points.py).
 _SMOOTHING = 2.5
-# Layers by which the cut ends are continued, so that they do not bend the normals beside them.
+# Layers by which the cut ends are continued, so that they do not tilt the normals beside them.
 _LAYERS = 10
 
 
 def surface_normals(body: Mask, spacing: F64, voxels: Index) -> F64:
     """Outward unit normals at voxels of the lateral surface.
 
-    The body is taken to go on beyond its first and last slice.
+    The body is assumed to continue beyond its first and last slice.
 
-    Any phi that vanishes on the surface has its normals; the best one has even steps from voxel
-    to voxel. The distance in lengths jumps by whole slices above and below flat ends; in voxels a
-    body few slices high is flattened. Distances therefore count in the metric in which the body
-    is as nearly round as one between voxels and lengths makes it.
+    Any phi that vanishes on the surface has its normals; the best one changes evenly from voxel to
+    voxel. The distance in lengths jumps by whole slices above and below flat ends; in voxels a body
+    of few slices is flattened. Distances are therefore measured in the metric, between voxels and
+    lengths, in which the body is most nearly round.
 
     - `body`: voxels of the body, shape `(ni, nj, nk)`
     - `spacing`: voxel size, shape `(3,)` [length]

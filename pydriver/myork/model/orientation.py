@@ -1,13 +1,13 @@
 """Are the axes of the diffusion gradients right? Evidence from walls and from anatomy.
 
 A flipped or exchanged axis gives smooth fibers that are wrong by tens of degrees. Each order of the
-axes, with one flipped or none (two flips are the third: fibers have no sign), is tried:
+axes is tried, with one axis flipped or none (two flips equal the third: fibers have no sign):
 
 - fibers run along the walls of muscles: with the long axis exchanged they cross them;
 - going up, fibers of the gastrocnemius lean backwards, those of the soleus forwards, and the two
   heads of the gastrocnemius apart, where muscles have these names.
 
-The length of tracts is no evidence: wrong axes make those of pennate muscles three times as long.
+The length of tracts is no evidence: wrong axes make tracts in pennate muscles three times as long.
 """
 
 from itertools import permutations
@@ -22,12 +22,12 @@ from myork.model.normals import surface_normals
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-# How much more fibers may cross walls as the files say than with the best candidate. Right tables
-# came to 0.20 at most on phantoms and real muscles.
+# How much more the fibers of the given axes may cross walls than those of the best candidate.
+# Correct tables gave at most 0.20 on phantoms and real muscles.
 _CROSSING = 0.25
-# Agreement with anatomy: 1 all fibers lean as they should, -1 all the other way.
+# Agreement with anatomy: 1 if all fibers lean as they should, -1 if all lean the other way.
 _CONTRADICTION = 0.5
-# Candidates whose crossing differs by less are alike.
+# Candidates whose crossing differs by less count as equal.
 _ALIKE = 0.1
 
 
@@ -35,27 +35,27 @@ class Orientation(NamedTuple):
     """Evidence for one order of the gradient axes."""
 
     axes: str  #: Value for `image.gradient_axes`
-    #: Mean square cosine between fibers at the walls of muscles and the walls' normals, 0 to 1: 0
+    #: Mean square cosine between fibers at the walls of muscles and the wall normals, 0 to 1: 0
     #: along the walls, a third at random [-]
     crossing: float
-    #: With the anatomy of the calf, -1 to 1; None where no muscle has a known name [-]
+    #: Agreement with the anatomy of the calf, -1 to 1; None where no muscle has a known name [-]
     agreement: float | None
 
 
 class Finding(NamedTuple):
-    """What the fibers say about the gradient axes."""
+    """Evidence of the fibers on the gradient axes."""
 
-    evidence: list[Orientation]  #: That of the files first
+    evidence: list[Orientation]  #: Evidence for the axes of the files first
     doubt: str  #: A warning, empty without a doubt
-    #: What was checked and what cannot be decided, empty with a doubt or without fibers
+    #: What was checked and what remains undecided; empty with a doubt or without fibers
     remark: str
 
 
 def check_orientation(fibers: Image, muscles: Labels, affine: F64 | None = None) -> Finding:
     """Compare all orders and flips of the gradient axes.
 
-    - `fibers`: fiber vectors in the world frame as the files say, shape `(ni, nj, nk, 3)`
-    - `muscles`: muscles whose walls are looked at; their names are used where they are known
+    - `fibers`: fiber vectors in the world frame with the axes of the files, shape `(ni, nj, nk, 3)`
+    - `muscles`: muscles whose walls are used; also their names, if known
     - `affine`: of the diffusion images, whose voxel axes are those of the gradients; by default
       that of the fibers
     """
@@ -74,7 +74,7 @@ def check_orientation(fibers: Image, muscles: Labels, affine: F64 | None = None)
 
 
 def _at_walls(fibers: Image, muscles: Labels) -> tuple[F64, F64]:
-    """Fibers at the walls of each muscle and the walls' normals in the world, `(n, 3)` each."""
+    """Fibers at the walls of each muscle and the wall normals in the world, `(n, 3)` each."""
     axis = slice_axis(muscles.spacing, muscles.data.shape)
     fibers, muscles = with_axis_at(fibers, axis, 2), with_axis_at(muscles, axis, 2)
     usable = np.asarray(fibers.data.any(axis=-1))
@@ -82,7 +82,7 @@ def _at_walls(fibers: Image, muscles: Labels) -> tuple[F64, F64]:
     for label in muscles.present:
         own = muscles.data == label
         slices = np.flatnonzero(own.any(axis=(0, 1)))
-        # where the image or its outlines end a muscle is cut, that is no wall
+        # at the end of the image or of its outlines a muscle is cut; that is not a wall
         box = np.s_[:, :, slices[0] : slices[-1] + 1]
         inside = own[box]
         wall = inside & ~ndimage.binary_erosion(inside, border_value=1) & usable[box]
@@ -94,7 +94,7 @@ def _at_walls(fibers: Image, muscles: Labels) -> tuple[F64, F64]:
 
 
 def _candidates() -> list[str]:
-    """Values of `image.gradient_axes`, that of the files first, then simple ones."""
+    """Values of `image.gradient_axes`, that of the files first, then in order of simplicity."""
     flips = ("", "x", "y", "z")
     return [
         " ".join("-" + axis if axis == flip else axis for axis in order)
@@ -104,7 +104,7 @@ def _candidates() -> list[str]:
 
 
 def _rules(fibers: Image, muscles: Labels) -> list[tuple[Mask, F64]]:
-    """Voxels of a muscle and the direction in which its fibers lean going up."""
+    """Voxels of each muscle and the direction in which its fibers should lean going up."""
     usable = fibers.data.any(axis=-1)
     where = {}
     for label, name in muscles.names.items():
@@ -133,7 +133,7 @@ def _rules(fibers: Image, muscles: Labels) -> list[tuple[Mask, F64]]:
 
 
 def _agreement(fibers: Image, turn: F64, rules: list[tuple[Mask, F64]]) -> float | None:
-    """Mean over the rules of how far turned fibers lean the right way, -1 to 1."""
+    """Mean over the rules of how far rotated fibers lean the right way, -1 to 1."""
     scores = []
     for mask, direction in rules:
         vector = fibers.data[mask] @ turn.T
@@ -148,7 +148,7 @@ def _doubt(found: list[Orientation]) -> str:
     given = found[0]
     look = "look at the fibers on the anatomy in the report before you use it"
     if given.agreement is not None:
-        # Of candidates that anatomy likes alike, the one whose fibers cross walls least
+        # Among candidates with equal anatomical agreement, the one whose fibers cross walls least
         best = max(found, key=lambda o: (round(o.agreement or 0.0, 1), -o.crossing))
         if (best.agreement or 0.0) - given.agreement > _CONTRADICTION:
             return (
@@ -159,7 +159,7 @@ def _doubt(found: list[Orientation]) -> str:
     least = min(o.crossing for o in found)
     if given.crossing - least <= _CROSSING:
         return ""
-    # A plain exchange of two axes is likelier than one with a flip
+    # A plain exchange of two axes is more likely than one with a flip
     alike = [o for o in found if o.crossing < least + _ALIKE]
     best = min(alike, key=lambda o: (_moved(o.axes), o.crossing))
     return (
@@ -171,13 +171,13 @@ def _doubt(found: list[Orientation]) -> str:
 
 
 def _moved(axes: str) -> int:
-    """Axes that are not where they were, and flips."""
+    """Number of axes that moved, and of flips."""
     words = axes.split()
     return sum(word[-1] != axis for word, axis in zip(words, "xyz", strict=True)) + axes.count("-")
 
 
 def _remark(given: Orientation) -> str:
-    """What a check without a doubt has shown."""
+    """Result of a check without a doubt."""
     if given.agreement is not None:
         return (
             f"gradient axes: agreement of the fibers with anatomy {given.agreement:+.2f} (from -1 "

@@ -1,6 +1,6 @@
 """From labels to points: collocation points and source points.
 
-The model lives in the frame of the voxel axes nearest to the world axes, so that source points and
+The model uses the frame of the voxel axes nearest to the world axes, so that source points and
 collocation points below the surface form lattices along x, y and z; for an image without rotation
 this is the world frame.
 """
@@ -18,9 +18,9 @@ from myork.types import F64, I32, Index, Mask
 
 # Label of voxels outside the model that are bone
 BONE = -1
-# A block belongs to the body from this part on [-]. The volume is true whatever it is: blocks below
-# give theirs to neighbours. From a half on, the force of a spindle 5 to 8 blocks across was 2 to
-# 6 % low, from a tenth on 2 to 3 % high, from a third on within 1.
+# Part of a block from which on it belongs to the body [-]. The volume is correct in any case:
+# blocks below it give theirs to neighbours. With a half, the force of a spindle 5 to 8 blocks
+# across was 2 to 6 % low, with a tenth 2 to 3 % high, with a third within 1 %.
 _FILLED = 1.0 / 3.0
 
 

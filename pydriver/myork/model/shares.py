@@ -1,8 +1,8 @@
-"""How much of each merged voxel is body, and how much of that is each label.
+"""Fraction of each merged voxel that is body, and fraction of that for each label.
 
-Points lie in whole blocks of one label; volumes are counted in the voxels that were merged, or by
-their parts, so that those of the body and of each label are kept: of blocks that the surface cuts,
-that are left out, and of sheets thinner than a block.
+Points lie in whole blocks of one label. Volumes are counted in the voxels that were merged, or by
+their fractions, so that those of the body and of each label are conserved: also for blocks that the
+surface cuts, that are left out, and for sheets thinner than a block.
 """
 
 from collections.abc import Sequence
@@ -17,17 +17,17 @@ from myork.model.points import first_voxel
 from myork.records import Image, Labels
 from myork.types import F64, I32, I64, Mask
 
-# Parts are written in single precision.
+# Fractions are written in single precision.
 _SLACK = 1e-3
-# No voxel of a body is emptier than this [-]: it would be nearly free to move.
+# Least filling of a voxel of the body [-]: an emptier one would be nearly free to move.
 _LEAST = 0.1
 
 
 def checked_parts(image: Image, labels: Labels) -> Image:
-    """Refuse parts that do not go with the labels of a map, or are none.
+    """Refuse fractions that do not match the labels of a map, or are not fractions.
 
     - `image`: shape `(ni, nj, nk, nlabel)`
-    - `labels`: label map whose labels above zero the volumes are of, one each, ascending
+    - `labels`: label map; the fractions are of its labels above zero, one each, ascending
     """
     check_same_grid(image, labels)
     numbers = list(labels.present)
@@ -36,7 +36,7 @@ def checked_parts(image: Image, labels: Labels) -> Image:
             f"{image.name}: {image.data.shape[3]} volumes do not go with the labels {numbers} of "
             f"{labels.name}; give one volume for each, in ascending order"
         )
-    # a comparison with what is no number is false
+    # comparisons with not-a-number are false
     whole = image.data.sum(axis=3)
     fine = (image.data >= -_SLACK).all(axis=3) & (whole <= 1.0 + _SLACK)
     if not fine.all():
@@ -45,7 +45,7 @@ def checked_parts(image: Image, labels: Labels) -> Image:
             f"{image.name}: parts of labels must be 0 at least and their sum 1 at most, but in "
             f"{int((~fine).sum())} voxels they are not, first in {at}: {image.data[at].tolist()}"
         )
-    # Parts differ from labels along borders; labels that were changed afterwards have none inside.
+    # Fractions differ from labels along borders; labels that were changed later have none inside.
     places = np.searchsorted(numbers, np.maximum(labels.data, numbers[0]))[..., np.newaxis]
     own = np.where(
         labels.data > 0, np.take_along_axis(image.data, places, axis=3)[..., 0], 1.0 - whole
@@ -62,26 +62,26 @@ def checked_parts(image: Image, labels: Labels) -> Image:
 
 
 class LabelParts(NamedTuple):
-    """Parts of labels in each voxel of an image."""
+    """Fractions of labels in each voxel of an image."""
 
-    image: Image  #: Part of each label, shape `(ni, nj, nk, nlabel)` [-]
+    image: Image  #: Fraction of each label, shape `(ni, nj, nk, nlabel)` [-]
     labels: I32  #: Labels, ascending, shape `(nlabel,)`
 
     def first(self, fine: Labels) -> I64:
-        """Voxel in which a label map cut out of the image's grid begins, shape `(3,)`."""
+        """Voxel at which a label map cut out of the image's grid begins, shape `(3,)`."""
         return np.rint(to_voxels(self.image.affine, fine.affine[:3, 3])).astype(np.int64)
 
     def volumes(self, fine: Labels) -> dict[int, float]:
-        """Volumes of all labels in the slices of a label map [mm^3]."""
+        """Volumes of all labels within the slices of a label map [mm^3]."""
         low = int(self.first(fine)[2])
         slices = self.image.data[:, :, low : low + fine.data.shape[2]]
         sums = slices.sum(axis=(0, 1, 2)) * fine.spacing.prod()
         return dict(zip(self.labels.tolist(), sums.tolist(), strict=True))
 
     def of(self, label: int, fine: Labels, places: Sequence[I64]) -> F64:
-        """Part of a label in voxels counted from the first one of a label map along each axis.
+        """Fraction of a label in voxels counted from the first one of a label map along each axis.
 
-        Parts in slices beyond those of the map do not count.
+        Fractions in slices beyond those of the map are ignored.
         """
         data = self.image.data[..., int(np.searchsorted(self.labels, label))]
         along = [place + first for place, first in zip(places, self.first(fine), strict=True)]
@@ -97,20 +97,20 @@ def label_shares(
     left_out: Mask,
     parts: LabelParts | None = None,
 ) -> tuple[F64, I32]:
-    """Volume of each label in each merged voxel of a body, over that of the voxel.
+    """Volume of each label in each merged voxel of a body, relative to that of the voxel.
 
-    What lies in blocks that are no part of the body goes to the blocks beside it, evenly: to those
-    that share a face, or where there are none, an edge or a corner. What touches no block of the
-    body is lost.
+    The content of blocks that are not part of the body is given in equal parts to adjacent blocks:
+    those that share a face or, if there are none, an edge or a corner. The content of blocks
+    without any adjacent block of the body is lost.
 
     - `fine`: label map
-    - `coarse`: its blocks merged, those above zero are the body
+    - `coarse`: its merged blocks; those above zero are the body
     - `block`: voxels per block in each direction
-    - `left_out`: merged voxels that are left out with all that they hold, shape of `coarse.data`
-    - `parts`: parts of labels in each voxel, on the grid that `fine` was cut out of; without it
-      each voxel of `fine` holds its label only
-    - returns shares in lexicographic order of the body's voxels, shape `(nbody, nlabel)` [-], the
-      sum of a row is more than 1 where a neighbour was left out; and the labels, ascending
+    - `left_out`: merged voxels that are left out with their content, shape of `coarse.data`
+    - `parts`: fractions of labels in each voxel, on the grid that `fine` was cut out of; without it
+      each voxel of `fine` contains its label only
+    - returns shares in lexicographic order of the body's voxels, shape `(nbody, nlabel)` [-] (the
+      sum of a row exceeds 1 where a neighbour was left out), and the labels, ascending
     """
     body = coarse.data > 0
     numbers = np.unique(fine.data[fine.data > 0])
@@ -119,11 +119,11 @@ def label_shares(
     size = np.array(block)
     first = first_voxel(fine, coarse, block)
     last = first + size * body.shape - fine.data.shape
-    # whole blocks more on all sides, one at least: the map may reach beyond the merged body
+    # whole additional blocks on all sides, at least one: the map may reach beyond the merged body
     before = np.maximum(-(-first // size), 1)
     after = np.maximum(-(last // size), 1)
     pad = np.stack([before * size - first, after * size + last], axis=1)
-    # beyond the end slices the body goes on to the end of its blocks
+    # beyond the end slices the body continues to the end of its blocks
     slices = fine.data.shape[2]
     along = np.arange(-pad[2, 0], slices + pad[2, 1])
     inside = (along >= min(first[2], 0)) & (along < slices + max(last[2], 0))
@@ -148,7 +148,7 @@ def label_shares(
 
 
 def _given_on(share: F64, kept: Mask) -> F64:
-    """Shares of voxels that are not kept added to those of their neighbours."""
+    """Add the shares of voxels that are not kept to those of their neighbours."""
     given, rest = np.where(kept, share, 0.0), np.where(kept, 0.0, share)
     for corners in (1, 3):
         beside = ndimage.generate_binary_structure(3, corners).astype(float)

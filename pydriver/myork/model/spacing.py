@@ -8,12 +8,12 @@ from myork.types import F64
 
 
 def source_spacing(source: F64) -> F64:
-    """Spacing around each source point: the distance of its sixth neighbour, four in a plane.
+    """Spacing around each source point: the distance to its sixth neighbour, the fourth in a plane.
 
     On a cubic lattice these are the nearest ones, one spacing away. At faces, edges and where
-    points are torn apart the distance grows, and the support with it, as one-sided neighbourhoods
-    need; where points crowd it shrinks. For a cloud that is drawn out along axes, divide its
-    coordinates by what each axis is drawn out by, and multiply the spacing by that.
+    points are far apart the distance grows, and the support with it, as one-sided neighbourhoods
+    need; where points are dense it shrinks. For a cloud that is stretched along axes, divide its
+    coordinates by the stretch of each axis, and multiply the spacing by it.
 
     - `source`: source points, shape `(n, 3)`, in a plane all with the same third coordinate
       [length]

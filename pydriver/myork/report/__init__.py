@@ -1,4 +1,4 @@
-"""One self-contained page from the files in an output folder; reads, never solves."""
+"""One self-contained page from the files in an output folder; it reads only, without solving."""
 
 from myork.report.page import make_report
 

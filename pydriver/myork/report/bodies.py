@@ -1,6 +1,6 @@
-"""Pictures of bodies: surfaces in space, plane bodies, planes through bodies.
+"""Pictures of bodies: surfaces in space, plane bodies, sections through bodies.
 
-A `Deformation` is the last state of a run; `units` are those of its summary, keys `length` and
+A `Deformation` is the last state of a run; `units` are those of its summary, with keys `length` and
 `stress`.
 """
 
@@ -28,25 +28,25 @@ _TISSUES = (
    "#7A3600", "#9A8F10", "#00543D", "#7C3F62", "#9FD9B8",
 )  # fmt: skip
 _PLAIN = "#D8D8D8"
-#: Colour of places without a value, which no map of colours in use has
+#: Colour of places without a value; it occurs in none of the colour maps used
 NO_VALUE = "#FF00C8"
 _COLOURS = colormaps["viridis"].with_extremes(bad=NO_VALUE)
 #: Colours reach the largest value unless it lies this many spans of the middle 99 % beyond them
 _BEYOND = 1.0
-#: Fibers across the longer side of a plane
+#: Number of fibers drawn across the longer side of a plane
 _ACROSS = 16
 #: A body this much wider than high is drawn in rows, not in columns
 _WIDE = 1.6
-#: The reader looks at the broad side from this much to the side and from above, and down at a body
-#: that is this much lower than long [degree], [-]
+#: The view is onto the broad side, from these angles to the side and above; the third angle is for
+#: bodies whose ratio of height to length is below the last number [degree], [-]
 _ASIDE, _ABOVE, _DOWN, _LOW = 28.0, 18.0, 45.0, 0.3
 
 
 def limits_of(values: F64) -> tuple[float, float, str]:
-    """Ends of the colours, and which of them values pass: "neither", "min", "max" or "both".
+    """Limits of the colours, and which of them values exceed: "neither", "min", "max" or "both".
 
-    The whole range is shown, but for single values so far out (at an edge where the stress has no
-    bound) that all others would share one colour.
+    The whole range is shown, except for single values so far out (at an edge with a singular
+    stress) that all others would have one colour.
     """
     values = values[np.isfinite(values)]
     if not len(values):
@@ -64,7 +64,7 @@ def limits_of(values: F64) -> tuple[float, float, str]:
 def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     """Surface of a deformed body in space: displacement, stress and volume ratio, from two sides.
 
-    A column a field, a row for those of a wide body, of points where there is no surface.
+    One column per field, one row per field for wide bodies; points where there is no surface.
     """
     moved, triangles = deformation.moved, deformation.surface
     seen = np.unique(triangles) if len(triangles) else np.arange(len(moved))
@@ -113,7 +113,7 @@ def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure
 
 
 def _titles(units: Mapping[str, str]) -> dict[str, str]:
-    """What stands beside a field of a body, by the name that `Deformation` gives it."""
+    """Title of each field of a body, by the name in `Deformation`."""
     return {
         "size": f"displacement |u| [{unit_of(units, 'length')}]",
         "stress": f"largest principal stress [{unit_of(units, 'stress')}]",
@@ -144,7 +144,7 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
 
 
 def _rim_of(triangles: I32) -> I32:
-    """Edges of one triangle only, shape `(m, 2)`."""
+    """Edges that belong to one triangle only, shape `(m, 2)`."""
     edges = np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)
     found, counts = np.unique(edges, axis=0, return_counts=True)
     return found[counts == 1]
@@ -153,9 +153,9 @@ def _rim_of(triangles: I32) -> I32:
 def slices_figure(
     deformation: Deformation, units: Mapping[str, str], tissues: Sequence[str] = ()
 ) -> Figure:
-    """Three planes through the middle of an undeformed body, a row each.
+    """Three planes through the middle of an undeformed body, one row each.
 
-    Displacement, fibers and tissues where there are any, stress. `tissues` are names of the labels
+    Displacement, fibers and tissues (where known), stress. `tissues` are names of the labels
     of the points, in their order.
     """
     length = unit_of(units, "length")
@@ -188,14 +188,14 @@ def slices_figure(
     return figure
 
 
-#: Across, upwards and normal of the transverse, coronal and sagittal planes
+#: Horizontal, vertical and normal axes of the transverse, coronal and sagittal planes
 _PLANES = ((0, 1, 2), (0, 2, 1), (1, 2, 0))
 
 
 def _plane(lattice: I32, normal: int) -> tuple[Index, I32]:
-    """Points of the fullest plane of a lattice, and triangles between them.
+    """Points of the plane of a lattice with the most points, and triangles between them.
 
-    Of planes alike it is that nearest to the middle, which itself may lie between two limbs.
+    Among equal planes the one nearest to the middle; the middle itself may lie between two limbs.
     """
     layer = lattice[:, normal] - int(lattice[:, normal].min())
     count = np.bincount(layer)
@@ -207,7 +207,7 @@ def _plane(lattice: I32, normal: int) -> tuple[Index, I32]:
     at[tuple(places.T)] = np.arange(len(kept))
     square = np.stack([at[:-1, :-1], at[1:, :-1], at[1:, 1:], at[:-1, 1:]], axis=-1).reshape(-1, 4)
     lost = square < 0
-    # halves of squares, or what is left of those that lack a corner
+    # halves of squares, or the remaining triangle of squares that lack a corner
     cut = [square[:, [0, 1, 2]], square[:, [0, 2, 3]],
            square[lost[:, 2]][:, [0, 1, 3]], square[lost[:, 0]][:, [1, 2, 3]]]  # fmt: skip
     triangles = np.concatenate(cut)
@@ -215,7 +215,7 @@ def _plane(lattice: I32, normal: int) -> tuple[Index, I32]:
 
 
 def _map(axes: Axes, places: F64, triangles: I32, values: F64) -> None:
-    """Values on triangles of a plane, or at its points where there are none; crosses lack one."""
+    """Values on triangles of a plane, or at its points if none; crosses mark missing values."""
     low, high, ends = limits_of(values)
     look: dict[str, Any] = {"vmin": low, "vmax": high, "cmap": _COLOURS}
     if len(triangles):
@@ -227,7 +227,7 @@ def _map(axes: Axes, places: F64, triangles: I32, values: F64) -> None:
     if len(missing):
         axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
     axes.set_aspect("equal")
-    # a bar beside the picture however wide it is
+    # a colour bar beside the picture, whatever its width
     beside = axes.inset_axes((1.03, 0.0, 0.05, 1.0))
     bar = axes.figure.colorbar(ScalarMappable(Normalize(low, high)), cax=beside, extend=ends)
     bar.ax.ticklabel_format(useOffset=False)
@@ -237,7 +237,7 @@ def _map(axes: Axes, places: F64, triangles: I32, values: F64) -> None:
 def _tissue(
     axes: Axes, places: F64, triangles: I32, tissues: Index, fibers: F64, count: int
 ) -> None:
-    """Triangles in the colour of their tissue, numbered from 0, and fibers at an even distance."""
+    """Triangles in the colour of their tissue, numbered from 0, and fibers at even distances."""
     if len(triangles):
         colours = ListedColormap(_TISSUES if count > 1 else [_PLAIN] * len(_TISSUES))
         own = np.median(tissues[triangles], axis=1) % len(_TISSUES)

@@ -23,7 +23,7 @@ GREY = "#666666"
 
 
 def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, three in a row; keys are those of `subplots`."""
+    """A figure with `count` panels, three in a row; keys are those of `subplots`."""
     columns = min(count, 3)
     rows = -(-count // columns)
     figure = Figure(figsize=(11.0 if columns > 1 else 6.5, 3.4 * rows), layout="constrained")
@@ -36,7 +36,7 @@ def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
 
 
 def draw_strokes(axes: Axes, places: F64, vectors: F64, long: float, **look: Any) -> None:
-    """Strokes without heads around places, shape `(n, 2)`, as long as `long` times the vectors."""
+    """Strokes without heads centred at places, shape `(n, 2)`, of `long` times the vectors."""
     axes.quiver(
         *places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0 / long, pivot="mid",
         headwidth=0, headlength=0, headaxislength=0, **look,
@@ -44,12 +44,12 @@ def draw_strokes(axes: Axes, places: F64, vectors: F64, long: float, **look: Any
 
 
 class Series(NamedTuple):
-    """Probes on the way through the load."""
+    """Probes over the load steps."""
 
-    name: str  #: Whose they are; empty for the only one of a figure
+    name: str  #: Name of the series; empty for the only one of a figure
     #: Steps as in the summary: `load`, `activation`, `probes`, `probe_errors`
     steps: Sequence[Mapping[str, Any]]
-    #: How its curves differ from those that others have, as `Axes.plot` takes it
+    #: Style of its curves, as keys of `Axes.plot`
     look: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -59,11 +59,11 @@ def probe_figure(
     reference: Mapping[str, Any] = MappingProxyType({}),
     exact: Mapping[str, Any] = MappingProxyType({}),
 ) -> Figure:
-    """Probes against activation where it changes, otherwise against load, a panel each.
+    """Probes against activation if it changes, otherwise against load, one panel each.
 
-    Estimated errors are bands. Components of a single series differ in colour, else the series do.
-    `units` has the unit of each probe by its name; `reference` and `exact` are of the summary: open
-    circles, and a star at the last step.
+    Estimated errors are drawn as bands. Components of a single series differ in colour, otherwise
+    the series do. `units` has the unit of each probe by name; `reference` and `exact` are from the
+    summary: open circles, and a star at the last step.
     """
     figure, panels = panels_of(len(units))
     active = any(step.get("activation") for own in series for step in own.steps)
@@ -97,7 +97,7 @@ def probe_figure(
 
 
 def _draw_series(axes: Axes, own: Series, name: str, across: str, number: int | None) -> None:
-    """Curves of a probe, by components; the number of a series among others gives its colour."""
+    """Curves of a probe, by components; the number of a series among several gives its colour."""
     shown = [step for step in own.steps if name in step.get("probes", {})]
     places = np.array([step.get(across) for step in shown], dtype=float)
     values = _as_columns([step["probes"][name] for step in shown])
@@ -124,7 +124,7 @@ def _draw_series(axes: Axes, own: Series, name: str, across: str, number: int | 
 def rom_series(rom: Mapping[str, Any]) -> list[Series]:
     """Probes of the full solution as a line, those of the reduced models as markers on it.
 
-    `rom` is that of the summary: `full` with `load` and `probes`, and `models` with their `probes`.
+    `rom` is the entry of the summary: `full` with `load` and `probes`, and `models` with `probes`.
     """
     load = rom["full"]["load"]
 
@@ -145,14 +145,14 @@ def rom_series(rom: Mapping[str, Any]) -> list[Series]:
 
 
 def _as_columns(values: Sequence[Any], width: int = 1) -> F64:
-    """Numbers, lists of numbers and gaps as an array of shape `(n, components)`."""
+    """Numbers, lists of numbers and missing values as an array of shape `(n, components)`."""
     width = max([width, *(len(value) for value in values if isinstance(value, list))])
     rows = [np.broadcast_to(np.array(value, dtype=float), width) for value in values]
     return np.array(rows).reshape(-1, width)
 
 
 def decay_figure(rom: Mapping[str, Any]) -> Figure:
-    """Decay of the modes, of `rom` of the summary, on a logarithmic scale."""
+    """Decay of the modes, from the entry `rom` of the summary, on a logarithmic scale."""
     figure, (decay,) = panels_of(1)
     pov = np.asarray(rom.get("pov", []), dtype=float)
     if pov.size and pov[0] > 0.0:

@@ -11,10 +11,10 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-#: Points an inch of figures, inches of those as wide as the page, and the least width of these in
+#: Points per inch of figures, width of full-width figures in inches, and their least width in
 #: letters
 _DPI, _WIDTH, _LEAST = 130, 11.0, 42.0
-#: A picture; its caption is its alternative text as well
+#: A picture; its caption is also its alternative text
 _FIGURE = Markup(
     '<figure><img alt="{alt}" src="{source}" style="{style}">'
     "<figcaption>{caption}</figcaption></figure>"
@@ -41,13 +41,13 @@ class Page(NamedTuple):
 
     title: str  #: Its heading
     sections: Iterable[Section]  #: Those without parts are left out
-    footer: Markup  #: What made it
-    #: Kind (`good`, `unsure`, `bad`) and words of each, behind the heading
+    footer: Markup  #: Software that made it
+    #: Kind (`good`, `unsure`, `bad`) and words of each badge, after the heading
     badges: Iterable[tuple[str, str]] = ()
-    about: str = ""  #: A line on what it is
-    #: What a reader asks first; questions without an answer are left out
+    about: str = ""  #: A line that describes it
+    #: First questions of a reader; those without an answer are left out
     story: Iterable[Answer] = ()
-    warnings: Sequence[str] = ()  #: What is wrong
+    warnings: Sequence[str] = ()  #: Problems found
 
     def text(self) -> str:
         """The page as one file without external parts."""
@@ -66,7 +66,7 @@ def figure(picture: Figure, caption: str) -> Markup:
     buffer = io.BytesIO()
     picture.savefig(buffer, format="png", dpi=_DPI, facecolor="white", bbox_inches="tight")
     wide = int.from_bytes(buffer.getvalue()[16:20], "big")
-    # one size of letters in all figures of a page; on a phone they scroll and stay legible
+    # the same letter size in all figures of a page; on a phone they scroll and stay legible
     share = min(1.0, wide / (_DPI * _WIDTH))
     style = f"width: max({100 * share:.0f}%, {_LEAST * share:.1f}rem)"
     source = "data:image/png;base64," + base64.b64encode(buffer.getvalue()).decode("ascii")
@@ -76,7 +76,7 @@ def figure(picture: Figure, caption: str) -> Markup:
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> Markup:
-    """A table; its first column names the rows, and none of its head is a table without a head."""
+    """A table; its first column names the rows, and an empty head gives a table without a head."""
     return render("table.html", head=head, rows=rows, caption=caption)
 
 

@@ -20,21 +20,21 @@ from myork.records import Image, Labels
 from myork.report.figures import COLOURS, draw_strokes
 from myork.types import F64, I32, Mask
 
-#: What is shown around the labels [mm]
+#: Margin shown around the labels [mm]
 _AROUND = 10.0
 #: Fibers drawn across the longer side of a picture
 _FIBERS_ACROSS = 28
 _FIBER_COLOUR = "#FFD700"
-#: Heights of the axial slices among those that hold labels
+#: Relative heights of the axial slices among those with labels
 _HEIGHTS = (0.15, 0.5, 0.85)
 
 
 def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> Figure:
     """Three axial slices and a coronal one, with the contour of each label and fibers.
 
-    Image and fiber vectors (world frame) have the grid of the labels; without an image these are
-    filled. Panels lie around the labels, one for a single slice; lengths in mm of the world, as
-    seeds are given, from the corner of the image where that lies askew.
+    Image and fiber vectors (world frame) are on the grid of the labels; without an image the labels
+    are filled. Panels are cropped to the labels, with one panel for a single slice. Lengths are in
+    mm of the world, as for seeds, or from the corner of the image if it is oblique.
     """
     body = _Body.of(labels, image, fibers)
     rows = np.flatnonzero(body.labels.any(axis=(0, 2)))
@@ -66,13 +66,13 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
 
 
 def _axial(known: Mask) -> list[int]:
-    """Three axial slices among those that hold something, or among all."""
+    """Three axial slices among those that have labels, or among all."""
     filled = np.flatnonzero(known.any(axis=(0, 1)) | (not known.any()))
     return list(filled[np.round(np.array(_HEIGHTS) * (len(filled) - 1)).astype(int)].tolist())
 
 
 def draw_labels(folder: Path) -> list[Path]:
-    """Draw the label maps that `segment` left in a folder upon the image, as PNG beside them.
+    """Draw the label maps that `segment` wrote to a folder over the image, as PNG beside them.
 
     - `folder`: output folder of `segment`
     - returns `segmentation.png`, and `tissue.png` where there are tissues
@@ -89,14 +89,14 @@ def draw_labels(folder: Path) -> list[Path]:
 
 
 def _corner(shown: Labels) -> F64:
-    """Lowest corner of a turned map in the world, zero where it lies askew, shape `(3,)` [mm]."""
+    """Lowest corner of a reoriented map in the world, zero if it is oblique, shape `(3,)` [mm]."""
     straight = np.allclose(shown.affine[:3, :3] / shown.spacing, np.eye(3), atol=1e-3)
     return shown.world([-0.5] * 3) if straight else np.zeros(3)
 
 
 @dataclass(frozen=True)
 class _Body:
-    """What is around the labels, its axes turned to right, anterior, superior."""
+    """Image region around the labels, with axes turned to right, anterior, superior."""
 
     #: Labels, image, and components of the fibers along the turned axes
     labels: I32
@@ -109,7 +109,7 @@ class _Body:
 
     @classmethod
     def of(cls, labels: Labels, image: Image | None, fibers: Image | None) -> "_Body":
-        """The part of the images in which labels lie, and some millimetres around."""
+        """The part of the images that contains the labels, with a margin of some millimetres."""
         shown = canonical(labels)
         found = ndimage.find_objects((shown.data > 0).astype(np.int8))
         parts = found[0] if found else tuple(slice(0, n) for n in shown.data.shape)
@@ -132,7 +132,7 @@ class _Body:
         )
 
     def draw(self, axes: Axes, normal: int, index: int) -> None:
-        """A plane across an axis: image, contours, fibers."""
+        """A plane normal to an axis: image, contours, fibers."""
         plane = [axis for axis in range(3) if axis != normal]
         cut = tuple(index if axis == normal else slice(None) for axis in range(3))
         where, spacing, start = self.labels[cut], self.spacing[plane], self.corner[plane]
@@ -154,7 +154,7 @@ class _Body:
                 axes.contour(x, y, mask, levels=[0.5], colors=[colour], linewidths=1.0)
         if self.vectors is not None:
             vectors = self.vectors[cut][..., plane]
-            # at an even distance
+            # at even distances
             long = float(np.max(where.shape * spacing)) / _FIBERS_ACROSS
             apart = np.maximum(np.ceil(long / spacing), 1).astype(int)
             some = np.zeros_like(where, bool)

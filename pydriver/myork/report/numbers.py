@@ -13,7 +13,7 @@ _MINUS = "\u2212"
 def number(value: Any, digits: int = 4) -> Markup:
     """A number with significant digits as HTML, powers of ten written out.
 
-    A list stands in brackets; what is not a number becomes a dash.
+    A list is put in brackets; a missing number becomes a dash.
     """
     if isinstance(value, (list, tuple)):
         return Markup("({})").format(Markup(", ").join(number(part, digits) for part in value))
@@ -34,14 +34,14 @@ def number(value: Any, digits: int = 4) -> Markup:
 
 
 def with_error(value: Any, error: Any) -> Markup:
-    """A value with its estimated error behind it, where there is one."""
+    """A value followed by its estimated error, if there is one."""
     if error is None:
         return number(value)
     return Markup("{} ± {}").format(number(value), number(error, 2))
 
 
 def fraction(value: Any) -> str:
-    """A load or an activation: given numbers, so no zeros are added to show their precision."""
+    """A load or an activation: these are given numbers, so no zeros are added to show precision."""
     return f"{value:.4g}" if isinstance(value, (int, float)) else DASH
 
 
@@ -56,7 +56,7 @@ def plain(value: Any) -> str:
 
 
 def unit_of(units: Mapping[str, str], name: str, missing: str = "?") -> str:
-    """A unit that the solver has written, by its name, with raised powers."""
+    """A unit written by the solver, by its name, with raised powers."""
     return typeset(units.get(name, missing))
 
 
@@ -66,10 +66,10 @@ def typeset(text: str) -> str:
 
 
 def probe_units(summary: Mapping[str, Any]) -> dict[str, str]:
-    """Unit of each probe of a summary by its name; empty for ratios."""
+    """Unit of each probe of a summary by name; empty for ratios."""
     return {name: typeset(unit) for name, unit in summary.get("probe_units", {}).items()}
 
 
 def labelled(name: str, unit: str) -> str:
-    """Name of a column or an axis with its unit, where it has one."""
+    """Name of a column or an axis with its unit, if it has one."""
     return f"{name} [{unit}]" if unit else name

@@ -1,4 +1,4 @@
-"""The page: sections for whatever a folder holds, in one HTML file without external parts."""
+"""The report page: sections for the content of a folder, as one self-contained HTML file."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -23,14 +23,14 @@ _MOST = 3
 
 
 def make_report(folder: str | Path) -> Path:
-    """Write `report.html` from whatever is in an output folder.
+    """Write `report.html` from the content of an output folder.
 
     - `folder`: output folder of `solve`, `rom`, `segment`, `demo` or `sweep`
-    - returns the page; figures are inside it, nothing is loaded from elsewhere
+    - returns the page; figures are embedded, and nothing is loaded from elsewhere
     """
     path = Path(folder)
     swept = (path / SWEEP_FILE).is_file()
-    # what cannot be read is refused there
+    # unreadable files are refused there
     content: Any = read_sweep(path) if swept else read_folder(path)
     try:
         text = (sweep_page(content) if swept else _page(content)).text()
@@ -46,7 +46,7 @@ def make_report(folder: str | Path) -> Path:
 
 
 def _page(folder: RunFolder) -> Page:
-    """All of a run."""
+    """The whole page of a run."""
     summary = folder.summary
     return Page(
         title=summary.get("title") or folder.path.resolve().name,
@@ -76,7 +76,7 @@ _VERDICTS = {
 
 
 def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """How the run ended, and whether its images were measured."""
+    """Final status of the run, and whether its images were measured."""
     steps = summary.get("steps")
     if summary.get("converged"):
         verdict = summary.get("verdict", {})
@@ -95,7 +95,7 @@ def _badges(summary: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _warnings(folder: RunFolder) -> list[str]:
-    """Warnings of the run and of the segmentation, and what is old; reasons stand in the story."""
+    """Warnings of the run and of the segmentation, and outdated files; reasons are in the story."""
     warnings = folder.summary.get("warnings", [])
     reasons = folder.summary.get("verdict", {}).get("reasons", [])
     refine = folder.summary.get("refine")
@@ -177,7 +177,7 @@ def _planes(folder: RunFolder) -> Iterator[Markup]:
 
 
 def _probes(folder: RunFolder) -> Iterator[Markup]:
-    """Curves and numbers of the probes, with what they are compared to."""
+    """Curves and numbers of the probes, with reference values."""
     summary = folder.summary
     units = probe_units(summary)
     steps = summary.get("steps", [])
@@ -193,13 +193,13 @@ def _probes(folder: RunFolder) -> Iterator[Markup]:
     if exact:
         yield tables.exact_table(exact, units)
     if units and steps:
-        # a single state is a row of numbers, not a dot on an axis
+        # a single state is shown as a row of numbers, not as a dot on an axis
         values = tables.probe_table(steps, units)
         yield folded("Values in all converged steps", values) if len(steps) > 1 else values
 
 
 def _rom(folder: RunFolder) -> Iterator[Markup]:
-    """Full against reduced."""
+    """Comparison of full and reduced models."""
     summary = folder.summary
     rom = summary.get("rom")
     if not rom:

@@ -1,4 +1,4 @@
-"""What an output folder holds, read into one record; what is absent is left out."""
+"""Content of an output folder, read into one record; missing parts are left out."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -19,18 +19,18 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Deformation:
-    """Last state of a solve, and the way to it."""
+    """Last state of a solve, and the load path to it."""
 
     points: F64  #: Undeformed points, shape `(np, 3)` [length]
     displacement: F64  #: Displacement, shape `(np, 3)` [length]
-    #: Largest principal Cauchy stress, not a number where there is none: where J <= 0, shape
+    #: Largest principal Cauchy stress, not a number where undefined (J <= 0), shape
     #: `(np,)` [force/length^2]
     stress: F64
     volume_ratio: F64  #: J, shape `(np,)` [-]
     #: Undeformed fiber directions, zero where there are none, shape `(np, 3)` [-]
     fiber: F64
     label: I32  #: Label of the material of each point, shape `(np,)`
-    #: As in `Results`, without rows where they are not known
+    #: As in `Results`, without rows where unknown
     surface: I32
     lattice: I32
     #: Load and activation of all steps, shape `(nstep,)` [-]
@@ -39,7 +39,7 @@ class Deformation:
 
     @property
     def moved(self) -> F64:
-        """Places of the points, shape `(np, 3)` [length]."""
+        """Deformed positions of the points, shape `(np, 3)` [length]."""
         return self.points + self.displacement
 
     @property
@@ -60,7 +60,7 @@ class RunFolder:
     path: Path  #: The folder
     summary: dict[str, Any] = field(default_factory=dict)  #: `summary.json`, empty without one
     deformation: Deformation | None = None  #: From `results.vtkhdf`
-    #: Output of `segment`: label map, materials of a leg, image and fiber vectors (three values a
+    #: Output of `segment`: label map, tissues of a leg, image and fiber vectors (three values per
     #: voxel)
     labels: Labels | None = None
     tissue: Labels | None = None
@@ -69,9 +69,9 @@ class RunFolder:
 
 
 def read_folder(path: Path) -> RunFolder:
-    """Read whatever of a run is in an output folder.
+    """Read all results of a run in an output folder.
 
-    - raises FileError: there is nothing to report, or files are damaged: the message names all of
+    - raises FileError: there is nothing to report, or files are damaged; the message names all of
       them
     """
     if not path.is_dir():
@@ -88,7 +88,7 @@ def read_folder(path: Path) -> RunFolder:
             return None
 
     summary = read("summary.json", lambda _: _known(read_summary(path))) or {}
-    # results of an earlier run than the one that the summary is about
+    # results of an earlier run than that of the summary
     own = summary.get("steps", not (path / WAITING).exists())
     folder = RunFolder(
         path=path,
@@ -111,7 +111,7 @@ def read_folder(path: Path) -> RunFolder:
 
 
 def _known(value: Any) -> Any:
-    """The value without null entries of mappings."""
+    """The value without null entries of its mappings."""
     if isinstance(value, dict):
         return {key: _known(own) for key, own in value.items() if own is not None}
     return [_known(own) for own in value] if isinstance(value, list) else value

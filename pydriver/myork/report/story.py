@@ -1,4 +1,4 @@
-"""The first screen of a report in words: what was asked, what came out, whether to trust it."""
+"""The first screen of a report in words: the question, the result, and whether to trust it."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ from myork.report.numbers import fraction, number, plain, probe_units, unit_of, 
 from myork.report.sources import Deformation, RunFolder
 from myork.summary import printed
 
-#: Volume ratios further than this from 1 are counted
+#: Volume ratios that differ from 1 by more than this are counted
 _OFF = 0.1
 _VERDICTS = {
     "accepted": "Accepted: no check found a reason to doubt the numerical solution; fibers, "
@@ -22,7 +22,7 @@ _VERDICTS = {
 
 
 def story(folder: RunFolder) -> list[Answer]:
-    """Answers to what a reader asks first."""
+    """Answers to the first questions of a reader."""
     summary, deformation = folder.summary, folder.deformation
     return [
         Answer("Problem", list(_asked(summary))),

@@ -1,4 +1,4 @@
-"""The page of a sweep: how the answers follow the keys, what failed."""
+"""The page of a sweep: dependence of the answers on the keys, and failed points."""
 
 import json
 import re
@@ -19,11 +19,11 @@ from myork.report.frame import Answer, Page, Section, figure, table
 from myork.report.numbers import DASH, fraction, labelled, number, plain, unit_of
 from myork.types import F64
 
-#: Finished points of a sweep, by which its folder is known
+#: File of finished points, which identifies the folder of a sweep
 SWEEP_FILE = "points.jsonl"
-#: Probes, keys, and kinds of messages that are shown
+#: Largest number of probes, keys, and kinds of messages shown
 _MOST_PROBES, _MOST_KEYS, _MOST_ROWS = 6, 8, 60
-#: Colour and mark of the points of each verdict
+#: Colour and marker of the points of each verdict
 VERDICTS = {
     "accepted": ("#0072B2", "o"),
     "doubtful": ("#E69F00", "^"),
@@ -35,21 +35,21 @@ VERDICTS = {
 class Column(NamedTuple):
     """A column of the table of a sweep."""
 
-    #: Its head
+    #: Its header
     name: str
     unit: str
-    values: list[Any]  #: A value a finished point; words for a key that takes words
+    values: list[Any]  #: One value per finished point; words for a key that takes words
     errors: Sequence[float] = ()  #: Error bars; empty for a key
 
     def numbers(self) -> F64 | None:
-        """The values, or nothing where one is not a number."""
+        """The values, or None where one is not a number."""
         if all(isinstance(v, int | float) and not isinstance(v, bool) for v in self.values):
             return np.array(self.values, float)
         return None
 
 
 def trend_figure(keys: Sequence[Column], probe: Column, verdicts: Sequence[str]) -> Figure:
-    """A probe over each key with the verdicts of its points; words stand side by side."""
+    """A probe over each key with the verdicts of its points; words are placed side by side."""
     figure, panels = panels_of(len(keys), sharey=True)
     y = np.array(probe.values, float)
     bars = np.array(probe.errors or np.full(len(y), np.nan), float)
@@ -83,11 +83,11 @@ class SweepFolder(NamedTuple):
     """Finished points of a sweep."""
 
     path: Path  #: The folder
-    total: int  #: Number of points that were asked for
-    #: What was varied and what came out, a value a finished point
+    total: int  #: Number of requested points
+    #: Varied keys and results, one value per finished point
     keys: list[Column]
     probes: list[Column]
-    #: Of each finished point
+    #: One entry per finished point
     verdicts: list[str]
     messages: list[str]
     cpu: list[float]  #: CPU time of each finished point [s]
@@ -101,9 +101,9 @@ class SweepFolder(NamedTuple):
 
 
 def read_sweep(path: Path) -> SweepFolder:
-    """Read what is finished of a sweep; a line that a kill cut short is left out.
+    """Read the finished points of a sweep; a line truncated by a kill is left out.
 
-    - raises FileError: the file is not that of a sweep, or nothing in it is finished
+    - raises FileError: the file is not that of a sweep, or it has no finished point
     """
     file = path / SWEEP_FILE
     try:
@@ -147,7 +147,7 @@ def read_sweep(path: Path) -> SweepFolder:
 
 
 def sweep_page(sweep: SweepFolder) -> Page:
-    """All of a sweep as one page."""
+    """A sweep as one page."""
     badges = [(_BADGES.get(word, "bad"), f"{count} {word}") for word, count in _counts(sweep)]
     return Page(
         title=f"Sweep: {sweep.about.get('title') or sweep.path.resolve().name}",
@@ -223,7 +223,7 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
 
 
 def _largest(values: Sequence[float]) -> float:
-    """Size of the largest of the values that are numbers."""
+    """Largest magnitude among the values that are numbers."""
     return float(np.nanmax(np.abs(values), initial=0.0))
 
 
@@ -243,7 +243,7 @@ def _failures(sweep: SweepFolder) -> Iterator[Markup]:
     wrong = [k for k, verdict in enumerate(sweep.verdicts) if verdict != "accepted"]
     if not wrong:
         return
-    # alike but for their numbers: listed once
+    # messages that differ only in their numbers: listed once
     kinds = Counter(_kind(sweep.messages[k]) for k in wrong)
     if len(kinds) > _MOST_ROWS:
         yield Markup("<p>The first {} of {} messages.</p>").format(_MOST_ROWS, len(kinds))

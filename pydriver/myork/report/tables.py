@@ -11,7 +11,7 @@ from myork.summary import printed
 
 
 def run_table(summary: Mapping[str, Any]) -> Markup:
-    """What was solved and how: method, sizes, solver, backward error."""
+    """Problem and method of a run: method, sizes, solver, backward error."""
     rows = [(name, cell(summary)) for name, cell in _FACTS.items()]
     shown = [row for row in rows if row[1] != DASH]
     return Markup('<div class="facts">{}</div>').format(table((), shown))
@@ -64,7 +64,7 @@ def _memory(summary: Mapping[str, Any]) -> str:
     return DASH if peak is None else Markup("{} MiB").format(number(peak / 2**20, 3))
 
 
-#: Rows of the table of a run: what stands there of a summary
+#: Rows of the table of a run: quantities from the summary
 _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "method": lambda own: str(own.get("method") or DASH),
     "dimension": lambda own: {2: "2 (plane strain)", 3: "3"}.get(own.get("dimension") or 0, DASH),
@@ -91,7 +91,7 @@ _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
 
 
 def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> Markup:
-    """Values of all probes, a line a step of the summary; `units` by names of probes."""
+    """Values of all probes, one row per step of the summary; `units` by names of probes."""
     head = ["load [-]", *(labelled(name, unit) for name, unit in units.items())]
     rows = [
         [
@@ -112,7 +112,7 @@ def _listed(
     caption: str,
     always: int = 0,
 ) -> Markup:
-    """A row an entry; behind the first few, columns of dashes are left out."""
+    """One row per entry; after the first few, columns of dashes are left out."""
     rows = [[cell(own) for cell in columns.values()] for own in entries]
     shown = [k for k in range(len(columns)) if k < always or any(row[k] != DASH for row in rows)]
     heads = [list(columns)[k] for k in shown]
@@ -193,7 +193,7 @@ def label_table(segmentation: Mapping[str, Any], units: Mapping[str, str]) -> Ma
 
 
 def muscle_table(muscles: Sequence[Mapping[str, Any]]) -> Markup:
-    """Numbers of each muscle of the label map; their names hold units."""
+    """Numbers of each muscle of the label map; their names contain units."""
     heads = dict.fromkeys(head for own in muscles for head in own if head != "muscle")
     columns = {
         "muscle": lambda own: own["muscle"],

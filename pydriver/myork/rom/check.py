@@ -1,4 +1,4 @@
-"""A reduced model against the full one at parameters that its training did not see."""
+"""Comparison of a reduced model with the full one at parameters outside its training."""
 
 import time
 from collections.abc import Callable
@@ -16,33 +16,33 @@ from myork.rom.parameters import spread_points, widths_of
 from myork.rom.setting import Setting, force_values
 from myork.types import F64, I64, Mask
 
-#: Forces are compared with their own size, but not with less than this share of the largest
+#: Errors of forces are relative to the force, or to this share of the largest if it is smaller
 LEAST_FORCE = 0.05
 
 
 class Tests(NamedTuple):
-    """Full states at values that no training sees."""
+    """Full states at parameters that no training uses."""
 
     values: F64  #: Values of the parameters, shape `(n, p)`
-    states: list[FullState]  #: The states there
-    #: Values at which the full model found no state, or one that is unstable, shape `(m, p)`
+    states: list[FullState]  #: Full states at these values
+    #: Values at which the full model found no state, or an unstable one, shape `(m, p)`
     lost: F64
-    seed: int  #: Start of the random numbers that chose the values
+    seed: int  #: Seed of the random numbers that chose the values
 
     def some(self, rows: I64) -> "Tests":
-        """Those of some rows."""
+        """The states of some rows."""
         return self._replace(values=self.values[rows], states=[self.states[k] for k in rows])
 
 
 def compare(
     rom: ReducedModel, full: FullModel, points: int | F64, seed: int, progress: ProgressCallback
 ) -> dict[str, Any]:
-    """Errors and times at unseen points: what `check.json` holds.
+    """Errors and times at unseen points: the content of `check.json`.
 
-    Displacements are compared in L2 over the body, with that of the same state (`median`, `p95`,
-    `max`) and with the largest of all states (`max_of_largest`).
+    Errors of displacement are in L2 over the body, relative to the same state (`median`, `p95`,
+    `max`) and to the largest of all states (`max_of_largest`).
 
-    - `points`: how many, spread over the range, or values of the parameters, shape `(n, p)`
+    - `points`: number of points spread over the range, or values of the parameters, shape `(n, p)`
     """
     values = spread_points(rom.parameters, points, seed) if isinstance(points, int) else points
 
@@ -54,7 +54,7 @@ def compare(
 
 
 def started(amplitudes: F64, converged: Mask, basis: F64) -> list[F64 | None]:
-    """Unknowns at which full solves may begin; none where the reduced model has no state."""
+    """Unknowns from which full solves may start; None where the reduced model has no state."""
     return [basis @ a if good else None for a, good in zip(amplitudes, converged, strict=True)]
 
 
@@ -67,12 +67,12 @@ def solve_tests(
     progress: ProgressCallback,
     marks: Marks | None = None,
 ) -> Tests:
-    """Full states of a test, each from the state that a reduced model guesses.
+    """Full states of a test, each started from the guess of a reduced model.
 
-    Those that are unstable are no truth to compare with: which one a solve ends in is chance.
-    Near lost `marks` they are not sought at any price.
+    Unstable states are no reference: which one a solve reaches is chance.
+    Near lost `marks`, only limited effort is spent on them.
 
-    - raises ConvergenceError: none was reached
+    - raises ConvergenceError: no state was reached
     """
     near = np.zeros(len(values), bool)
     if marks is not None:
@@ -110,7 +110,7 @@ def errors_of(
 def largest_errors(
     tests: Tests, setting: Setting, answer: Answer, basis: F64, force: F64
 ) -> tuple[float, float]:
-    """Largest errors of a model in training: of displacement, in the largest, and of forces."""
+    """Largest errors of a model in training: displacement relative to the largest, and forces."""
     truth = np.array([force_values(setting, state.probes[-1:])[0] for state in tests.states])
     own = _first_probe(setting)
     of_largest, _, wrong = errors_of(
@@ -121,10 +121,10 @@ def largest_errors(
 
 
 class CellErrors(NamedTuple):
-    """What the few cells of a model add, as the test measures errors; smaller is better."""
+    """Errors added by the reduced set of cells, measured as in the test; smaller is better."""
 
-    failed: int  #: States that are not found
-    #: Largest errors of the others: of forces, of displacements in the largest one
+    failed: int  #: Number of states not found
+    #: Largest errors of the others: of forces, and of displacements relative to the largest
     force: float
     u: float
 
@@ -132,10 +132,10 @@ class CellErrors(NamedTuple):
 def cell_errors(
     rom: ReducedModel, setting: Setting, values: F64, answer: Answer, force: F64
 ) -> CellErrors:
-    """Errors of a model with few cells against one of the same modes with all.
+    """Errors of a model with few cells relative to one with the same modes and all cells.
 
     - `rom`: model with few cells
-    - `setting`: what it was trained in
+    - `setting`: setting of its training
     - `values`: values of the parameters, shape `(n, p)`
     - `answer`, `force`: converged states with all cells, and their forces without tractions, shape
       `(n, nf)`
@@ -145,7 +145,7 @@ def cell_errors(
     off = np.linalg.norm(batch.amplitudes - answer.amplitudes, axis=1)
     size = np.linalg.norm(answer.amplitudes, axis=1).max(initial=0.0)
     truth = _first_force(setting, values, force)
-    # a model without a force has no numbers for one
+    # without a force, the model has no numbers for one
     force = np.asarray(batch.force).reshape(len(values), -1)[:, : truth.shape[1]]
     wrong = _force_errors(force, truth)
     return CellErrors(
@@ -156,25 +156,25 @@ def cell_errors(
 
 
 def _first_probe(setting: Setting) -> list[int]:
-    """Wanted forces that are those of the first probe of one, as in `measure`."""
+    """Indices of the wanted forces that belong to the first force probe, as in `measure`."""
     return [k for k, place in enumerate(setting.places) if place[0] == setting.places[0][0]]
 
 
 def _first_force(setting: Setting, values: F64, force: F64) -> F64:
-    """The first force of states, tractions added, of all those wanted without them."""
+    """The first force of states with tractions added, from all wanted forces without tractions."""
     push = setting.conditions(values).given @ setting.pushes.T
     return np.asarray((force + push)[:, _first_probe(setting)])
 
 
 def _force_errors(force: F64, truth: F64) -> F64:
-    """Errors of forces, shape `(n, axes)`, in their own size or a share of the largest."""
+    """Errors of forces, shape `(n, axes)`, relative to themselves or to a share of the largest."""
     magnitude = np.linalg.norm(truth, axis=1)
     least = LEAST_FORCE * magnitude.max(initial=0.0)
     return np.asarray(np.linalg.norm(force - truth, axis=1) / np.maximum(magnitude, least or 1.0))
 
 
 def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
-    """Errors and times at the states of a test: of a model, of a regression of its full solves."""
+    """Errors and times at test states, of a model and of a regression of its full solves."""
     from scipy.stats import spearmanr
 
     values, states = tests.values, tests.states
@@ -193,7 +193,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     good = answer.converged
     if not good.any():
         raise ConvergenceError("the reduced model did not converge at any test state")
-    # as the tolerance takes it; a hundredth of the tolerance says nothing about a ratio
+    # relative like the tolerance; ratios to less than a hundredth of it are meaningless
     absolute = estimate * np.linalg.norm(answer.amplitudes, axis=1) / rom.largest
     over = np.maximum(of_largest, wrong) / np.maximum(absolute, 0.01 * rom.head["tolerance"])
     # near lost states nothing is certified
@@ -202,7 +202,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     over_estimate = float(over[tried].max())
     sure = answer.certified
     if not rom.certificate:
-        # what it will certify once these errors are its certificate
+        # answers that it will certify once these errors are its certificate
         sure = answer.inside & good & (answer.full < LOST)
         sure &= absolute * over_estimate <= rom.head["tolerance"]
     return {
@@ -235,7 +235,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
 
 
 def _seconds(call: Callable[[], Batch]) -> float:
-    """Processor time of a state [s], the less of two: the first call may load what it needs."""
+    """Processor time of a state [s], the smaller of two: the first call may load libraries."""
     found = []
     for _ in range(2):
         begin = time.process_time()

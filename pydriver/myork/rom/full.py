@@ -1,4 +1,4 @@
-"""Full solutions at parameters of a reduced model that is trained."""
+"""Full solutions at parameter values of a reduced model in training."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -16,29 +16,29 @@ from myork.rom.parameters import Parameter
 from myork.tables import override_text
 from myork.types import F64
 
-#: Relative change of the unknowns up to which a solution is the one that was guessed
+#: Relative change of the unknowns up to which a solution is the guessed one
 _NEAR = 0.2
-#: Iterations from a guess. Good ones take up to 8; those that take all have wandered off, and cost
-#: more than the way from rest: 13 to 19 CPU s instead of 2.5 in a muscle of 2,500 unknowns
+#: Iterations from a guess. Good ones take up to 8; those that take all have diverged, and cost
+#: more than the path from rest: 13 to 19 CPU s instead of 2.5 in a muscle of 2,500 unknowns
 _PATIENCE = 12
-#: Halvings of a load step from rest, and near states that are lost: where the branch ends, more of
-#: them only cost
+#: Halvings of a load step from rest, and near lost states: where the branch ends, more of
+#: them only cost time
 _HALVINGS, _FEW_HALVINGS = 5, 2
 _FROM_GUESS = {"load.steps": 1, "load.max_halvings": 0, "solver.max_iterations": _PATIENCE}
 
 
 class FullState(NamedTuple):
-    """Converged states of one full solve on the way to its parameters."""
+    """Converged states of one full solve along the path to its parameters."""
 
     x: F64  #: Unknowns, shape `(steps, n)`
-    load: F64  #: Part of the way, shape `(steps,)`
+    load: F64  #: Fraction of the path, shape `(steps,)`
     probes: F64  #: Values of the probes, shape `(steps, probes, 3)`
-    #: The last unknowns times the mass of density one, shape `(n,)`: their product is the square of
-    #: the displacement over the body
+    #: The last unknowns times the mass matrix of unit density, shape `(n,)`; their product with the
+    #: unknowns is the squared L2 norm of the displacement over the body
     mass: F64
     cpu_s: float  #: Processor time of the solve [s]
     started: bool = False  #: Whether the iteration began at a guess of the state and not at rest
-    mark: int = 0  #: What the full model says of the last state, see `Marks`
+    mark: int = 0  #: Verdict of the full model on the last state, see `Marks`
 
 
 class FullModel:
@@ -70,9 +70,9 @@ class FullModel:
     def loads(
         self, parameters: Sequence[Parameter], more: Sequence[str] = ()
     ) -> tuple[LoadParts, list[LoadParts]]:
-        """What is prescribed without the parameters, and what a unit of each one adds.
+        """Prescribed loads without the parameters, and the increment per unit of each parameter.
 
-        Of a rotation these are two fields: that of its sine and that of 1 - cosine.
+        A rotation has two fields: that of its sine and that of 1 - cosine.
         """
         own = [p for p in parameters if p.columns]
 
@@ -103,12 +103,12 @@ class FullModel:
         *,
         doubted: bool = False,
     ) -> FullState:
-        """Solve at values of the parameters, in as many steps as the deck says or in `steps`.
+        """Solve at values of the parameters, in the load steps of the deck or in `steps`.
 
-        A guess `start` of the unknowns saves the way from rest; where the iteration does not end
-        from it, the way is gone, with few halvings where a state is `doubted`.
+        A guess `start` of the unknowns saves the path from rest. If the iteration from it fails,
+        the path is followed, with few halvings where a state is `doubted`.
 
-        - raises ConvergenceError: the solve ended before its full load
+        - raises ConvergenceError: the solve stopped before its full load
         """
         begin = time.process_time()
         states = None
@@ -119,7 +119,7 @@ class FullModel:
             except ConvergenceError:
                 states = None
             else:
-                # an iteration that wandered off may have found another solution
+                # a diverging iteration may have found another solution
                 moved = np.linalg.norm(states.x[-1] - start)
                 if moved > _NEAR * np.linalg.norm(states.x[-1]):
                     states = None
@@ -142,12 +142,12 @@ class FullModel:
 
     @cached_property
     def _scene(self) -> Scene:
-        """The scene that is changed from solve to solve."""
+        """The scene that is updated from solve to solve."""
         return self.open()
 
     @cached_property
     def _from_rest(self) -> dict[str, Any]:
-        """What the deck says where a solve begins at rest."""
+        """Settings of the deck for a solve from rest."""
         own = self._scene.deck
         return {
             "load.steps": own["load"]["steps"],
@@ -156,7 +156,7 @@ class FullModel:
         }
 
     def _at(self, parameters: Sequence[Parameter], values: F64, own: Mapping[str, Any]) -> Scene:
-        """The scene at values, and with values of other keys."""
+        """The scene at values of the parameters, and with values of other keys."""
         wanted = {p.key: float(v) for p, v in zip(parameters, values, strict=True)}
         self._scene.update({**self._from_rest, **wanted, **own})
         return self._scene
@@ -175,9 +175,9 @@ class FullModel:
         prescribed: float,
         step: float,
     ) -> F64:
-        """How unknowns at values follow a value that is prescribed, by a small step of it.
+        """Derivative of the unknowns with respect to a prescribed value, by a small step of it.
 
-        - raises ConvergenceError: the solve did not follow
+        - raises ConvergenceError: the solve with the step did not converge
         """
         before = {key: prescribed, "solver.tolerance": self._scene.deck["solver"]["tolerance"]}
         near = {"load.steps": 1, "load.max_halvings": 0, "solver.tolerance": 1e-8}
@@ -194,5 +194,5 @@ class FullModel:
 
 
 def _less(one: LoadParts, other: LoadParts) -> LoadParts:
-    """What one prescribes more than the other."""
+    """Difference between the prescribed loads of two scenes."""
     return LoadParts(*(a - b for a, b in zip(one, other, strict=True)))

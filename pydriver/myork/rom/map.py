@@ -12,7 +12,7 @@ from myork.rom.marks import NAMES
 from myork.rom.model import Batch, ReducedModel
 from myork.rom.parameters import grid_in
 
-#: States of one call: their arrays stay small
+#: States per call, so that arrays stay small
 _AT_ONCE = 20_000
 
 
@@ -23,10 +23,10 @@ def map_model(
 
     - `rom`: model
     - `vary`: `KEY=LOW:HIGH:N` each
-    - `fixed`: values of other parameters by key or short name; those without one are in the middle
-      of their range
+    - `fixed`: values of other parameters by key or short name; those not given take the middle of
+      their range
     - `out`: folder of `map.csv` and `map.json`
-    - returns what `map.json` holds: numbers of states, of failures, times
+    - returns the content of `map.json`: numbers of states, of failures, times
     """
     keys = [p.key for p in rom.parameters]
     axes = {rom.key_of(key): axis for key, axis in map(grid_in, vary)}

@@ -1,4 +1,4 @@
-"""Where the full model's own answers are doubtful or lost: what its solves nearby have shown."""
+"""Where answers of the full model are doubtful or lost, according to its solves nearby."""
 
 from typing import NamedTuple
 
@@ -6,9 +6,9 @@ import numpy as np
 
 from myork.types import F64, I64
 
-#: Marks of full solves, the worse the larger. A reduced model can meet a doubtful state, as where
-#: ellipticity is lost at some points; where the equilibrium is unstable, or was not found, there
-#: are several states or none, and which one a solve ends in is chance.
+#: Marks of full solves, larger is worse. A reduced model can reproduce a doubtful state, as where
+#: ellipticity is lost at some points. Where the equilibrium is unstable, or was not found, there
+#: are several states or none, and which one a solve reaches is chance.
 ACCEPTED, DOUBTFUL, LOST = 1, 2, 3
 #: Their names; no solve has the first one
 NAMES = ("unknown", "accepted", "doubtful", "lost")
@@ -17,17 +17,17 @@ NEAR_LOST = "full solves nearby are unstable or did not converge"
 
 
 class Marks(NamedTuple):
-    """What full solves have shown."""
+    """Marks of full solves with their parameters."""
 
     values: F64  #: Values of the parameters, shape `(n, p)`
     mark: I64  #: Marks, shape `(n,)`
 
     def added(self, row: F64, mark: int) -> "Marks":
-        """With one more."""
+        """The marks with one more."""
         return Marks(np.vstack([self.values, row]), np.append(self.mark, mark))
 
     def worst(self, values: F64, scale: F64) -> I64:
-        """The worst mark of the solves around values, one more than there are parameters.
+        """The worst mark of the nearest solves, one more of them than there are parameters.
 
         - `values`: shape `(n, p)`
         - `scale`: widths of the ranges, shape `(p,)`
@@ -36,7 +36,7 @@ class Marks(NamedTuple):
         return self._around(values, scale).max(axis=1, initial=0)
 
     def least(self, values: F64, scale: F64) -> I64:
-        """The same of the best one."""
+        """The best mark of the same solves."""
         near = self._around(values, scale)
         return near.min(axis=1, initial=LOST) if near.size else np.zeros(len(values), np.int64)
 

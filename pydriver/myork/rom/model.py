@@ -1,4 +1,4 @@
-"""A trained reduced model: answers in a millisecond, each with its error."""
+"""A trained reduced model: answers within a millisecond, each with its error."""
 
 import json
 from collections.abc import Mapping
@@ -21,7 +21,7 @@ from myork.rom.projection import Laws
 from myork.rom.store import read_arrays, write_arrays
 from myork.types import F64, I64, Mask
 
-#: Why answers are doubtful of a model that was trained without a test
+#: Reason for doubt in answers of a model that was trained without a test
 OUTSIDE = "outside the training range"
 NOT_TESTED = "not tested: the model was trained with --tests 0"
 
@@ -30,24 +30,24 @@ class Batch(NamedTuple):
     """Answers for many parameters."""
 
     force: F64  #: The first force probe, shape `(n,)`, or `(n, 3)` where it is a vector
-    probes: dict[str, F64]  #: Values of all probes that the model knows by name
+    probes: dict[str, F64]  #: Values of all probes of the model by name
     #: Estimated relative error of the displacement; not a number where it was not asked for
     indicator: F64
     inside: Mask  #: Whether the parameters lie in the range of the training
     #: The worst mark of the full solves nearby: 1 accepted, 2 doubtful, 3 unstable or not found, 0
-    #: where none has one
+    #: without a mark
     full: I64
-    #: Whether the tolerance of the training is met, as far as its test can say: inside, not near
-    #: lost states, and with an estimate so small; it needs the indicator
+    #: Whether the tolerance of the training is met, according to its test: inside, not near lost
+    #: states, and with a small estimate; it needs the indicator
     certified: Mask
-    #: Whether the state solves the equations; a fixed number of corrections may not be enough
+    #: Whether the state solves the equations; a fixed number of corrections may be too small
     converged: Mask
-    iterations: I64  #: Newton's iterations
+    iterations: I64  #: Newton iterations
     amplitudes: F64  #: Amplitudes of the modes, shape `(n, r)`
-    tested: Mask  #: Whether the model was tested on unseen states, the same for all
+    tested: Mask  #: Whether the model was tested on unseen states, equal for all
 
     def scalars(self) -> dict[str, F64]:
-        """Probes as scalars by name, those of vectors with their axis behind, shape `(n,)` each."""
+        """Probes as scalars by name, vector components with their axis appended, `(n,)` each."""
         found = {}
         for name, value in self.probes.items():
             if value.ndim == 1:
@@ -57,7 +57,7 @@ class Batch(NamedTuple):
         return found
 
     def doubts(self, k: int) -> list[str]:
-        """Why an answer, which has its indicator, is doubtful, a sentence each."""
+        """Reasons for doubt in an answer with an indicator, one sentence each."""
         lost = self.full[k] == LOST
         found = {
             "the reduced model did not converge": not self.converged[k],
@@ -86,7 +86,7 @@ class ReducedState:
     ) -> None:
         self.parameters = parameters  #: Values by key
         self.force: Any = batch.force[0].tolist()  #: The first force probe of the deck
-        #: Values of all probes that the model knows by name, and their units, empty for ratios
+        #: Values of all probes of the model by name, and their units, empty for ratios
         self.probes = {name: value[0].tolist() for name, value in batch.probes.items()}
         self.probe_units = probe_units
         #: Estimated relative error of the displacement
@@ -94,13 +94,13 @@ class ReducedState:
         #: Whether the parameters lie in the range of the training; whether this is a solution
         self.inside = bool(batch.inside[0])
         self.converged = bool(batch.converged[0])
-        #: What full solves nearby were: unknown, accepted, doubtful, lost (unstable or not found)
+        #: Result of nearby full solves: unknown, accepted, doubtful, lost (unstable or not found)
         self.full = NAMES[batch.full[0]]
-        #: Whether the tolerance of the training is met, as far as its test can say, and what speaks
-        #: against the answer
+        #: Whether the tolerance of the training is met, according to its test, and reasons against
+        #: the answer
         self.certified = bool(batch.certified[0])
         self.doubts = batch.doubts(0)
-        self.iterations = int(batch.iterations[0])  #: Newton's iterations
+        self.iterations = int(batch.iterations[0])  #: Newton iterations
         self._amplitudes = batch.amplitudes[0]
         self._shapes = shapes
 
@@ -109,7 +109,7 @@ class ReducedState:
         return np.asarray(self._shapes @ self._amplitudes)
 
     def as_dict(self) -> dict[str, Any]:
-        """What `myork rom solve --json` prints."""
+        """Content that `myork rom solve --json` prints."""
         names = (
             "parameters", "force", "probes", "probe_units", "indicator", "inside", "converged",
             "full", "certified", "doubts", "iterations",
@@ -117,7 +117,7 @@ class ReducedState:
         return {name: getattr(self, name) for name in names}
 
     def describe(self) -> str:
-        """Parameters, probes and how far they hold, in lines."""
+        """Parameters, probes and their reliability, in lines."""
         given = ", ".join(f"{key} = {_six_digits(x)}" for key, x in self.parameters.items())
         units = self.probe_units
         found = (
@@ -133,14 +133,14 @@ class ReducedState:
 
 
 class ReducedModel:
-    """A reduced model that outlives its training.
+    """A reduced model that can be saved after its training.
 
-    `ReducedModel.train` makes one of a deck, `ReducedModel.load` reads one from a file; it needs
-    neither the deck nor an image afterwards. It has:
+    `ReducedModel.train` makes one from a deck, `ReducedModel.load` reads one from a file; it needs
+    neither the deck nor an image afterwards. Attributes:
 
-    - `parameters`: keys that may be chosen, with the ranges of the training
-    - `certificate`: what was measured on states that the training did not see
-    - `units`, `probe_units`: units of force, length, stress and volume; of each probe by its name,
+    - `parameters`: free keys, with the ranges of the training
+    - `certificate`: errors measured on states outside the training
+    - `units`, `probe_units`: units of force, length, stress and volume; of each probe by name,
       empty for ratios
     - `largest`: largest displacement of the training, in L2 over the body [length^(5/2)]
 
@@ -170,7 +170,7 @@ class ReducedModel:
         model = _model(arrays, "online", r)
         finer = _model(arrays, "indicator", m)
         wanted = np.asarray(arrays["wanted"], np.int64)
-        # a ten-thousandth of the largest state: at rest no step is small beside the state
+        # a ten-thousandth of the largest state: near rest no step is small relative to the state
         sizes = np.linalg.norm(np.asarray(arrays["training/amplitudes"]), axis=1)
         self.largest = float(sizes.max())
         self._least = least = 1e-4 * self.largest
@@ -190,7 +190,7 @@ class ReducedModel:
             np.asarray(arrays["lifts/parameters"]), np.asarray(arrays["lifts/values"]), scale
         )
         self._regression = Regression(self._points, np.hstack([self._amplitudes, forces]), scale)
-        # the same for all states
+        # equal for all states
         self._known = self.conditions(self._points)
         self._tree = cKDTree(self._points / scale)
         self._names = short_names(self.parameters)
@@ -204,7 +204,7 @@ class ReducedModel:
 
         - `deck`: deck file; its method is one of the Galerkin forms
         - `parameters`: ranges `(low, high)` by key: `load.activation`, `material.NAME.sigma_max`,
-          `boundary.SET.u_z`; the last word will do
+          `boundary.SET.u_z`; the last word of a key is enough
         - `**settings`: `tolerance`, `full_solves`, `seed`, `out`, `overrides`, `threads`,
           `progress`
         """
@@ -217,7 +217,7 @@ class ReducedModel:
         """Read a model from its file.
 
         - raises FileError: there is no such file, or it is damaged
-        - raises InputError: it is of another version
+        - raises InputError: it has another version
         """
         arrays = read_arrays(Path(path))
         try:
@@ -236,11 +236,11 @@ class ReducedModel:
         return path
 
     def set_certificate(self, certificate: dict[str, Any]) -> None:
-        """Keep what was measured on unseen states."""
+        """Store the errors measured on unseen states."""
         self.certificate = self.head["certificate"] = certificate
 
     def describe(self) -> str:
-        """What the model is and what was measured of it, a few lines."""
+        """Description of the model and of its measured errors, in a few lines."""
         c = self.certificate
         cells = self.head["cells"]
         lines = [
@@ -282,7 +282,7 @@ class ReducedModel:
         return f"ReducedModel({self.describe()})"
 
     def solve(self, /, **values: float) -> ReducedState:
-        """The state of one set of parameters, with its estimated error.
+        """The state for one set of parameters, with its estimated error.
 
         - `**values`: values by key or by the last word of a key; all parameters are needed
         - raises InputError: an unknown parameter, or one without a value
@@ -298,7 +298,7 @@ class ReducedModel:
         """States of many sets of parameters.
 
         - `values`: values in the order of `parameters`, shape `(n, p)`
-        - `corrections`: Newton's iterations after the regression; 0 for the regression alone
+        - `corrections`: Newton iterations after the regression; 0 for the regression alone
         - `indicator`: estimate the errors; it doubles the cost
         - raises InputError: values that no deck may have, such as activations above 1
         """
@@ -320,7 +320,7 @@ class ReducedModel:
         conditions = self.conditions(values)
         if most == 0:
             none = np.zeros(len(values), np.int64)
-            # no equation was looked at
+            # no equation was evaluated
             answer = Answer(start, forces, none, none > 0, np.full(len(values), np.nan))
         else:
             answer = self._solver.solve(
@@ -332,7 +332,7 @@ class ReducedModel:
         if indicator:
             error = self._indicate(conditions, answer)
         probes = self._probes(conditions, answer)
-        # where no state was found there is nothing to measure
+        # without a state there is nothing to measure
         for found in (error, *probes.values()):
             found[~answer.converged & (most == MOST_STEPS)] = np.nan
         names = [q["name"] for q in self.head["probes"] if q["quantity"].startswith("force")]
@@ -341,7 +341,7 @@ class ReducedModel:
         within = (values >= self._ends[0] - margin) & (values <= self._ends[1] + margin)
         inside = np.asarray(within.all(axis=1))
         full = self.marks.worst(values, self._scale)
-        # of the largest state, as the tolerance is; not a number is not below
+        # relative to the largest state, like the tolerance; comparisons with not-a-number are false
         size = np.linalg.norm(answer.amplitudes, axis=1) / self.largest
         worst = error * size * self.certificate.get("over_estimate", np.nan)
         certified = inside & answer.converged & (full < LOST) & (worst <= self.head["tolerance"])
@@ -365,7 +365,7 @@ class ReducedModel:
 
         - `given`: by key or short name a number, its text, or one for each row
         - `count`: number of rows
-        - raises InputError: an unknown parameter, one without a value, or what is not a number
+        - raises InputError: an unknown parameter, a missing one, or a value that is not a number
         """
         named = {self.key_of(name): value for name, value in given.items()}
         missing = [p.key for p in self.parameters if p.key not in named]
@@ -380,16 +380,16 @@ class ReducedModel:
         return rows
 
     def conditions(self, values: F64) -> Conditions:
-        """Conditions of states by their parameters."""
+        """Conditions of states from their parameters."""
         return conditions_of(values, self.parameters, self._laws, self._extra)
 
     @property
     def basis(self) -> F64:
-        """Modes, columns of unknowns of the full model, orthonormal by the mass."""
+        """Modes, columns of unknowns of the full model, orthonormal with respect to the mass."""
         return np.asarray(self._arrays["basis"])
 
     def full_model(self) -> FullModel:
-        """The full model that this one was made of."""
+        """The full model from which this one was made."""
         cloud, head = None, self.head
         if "cloud" in self._arrays:
             content = np.asarray(self._arrays["cloud"]).tobytes()
@@ -397,7 +397,7 @@ class ReducedModel:
         return FullModel(head["deck"], head["overrides"], cloud, self._solver.threads or None)
 
     def _indicate(self, conditions: Conditions, answer: Answer) -> F64:
-        """Size of a Newton step in more modes, relative."""
+        """Relative size of a Newton step in a larger basis."""
         n, m = len(answer.amplitudes), self._finer.model.r
         start = np.zeros((n, m))
         start[:, : self.modes] = answer.amplitudes

@@ -1,4 +1,4 @@
-"""Modes of the states of a training, and the reduced model of all cells that they make."""
+"""Modes of the training states, and the reduced model with all cells built from them."""
 
 from collections.abc import Sequence
 from itertools import product
@@ -18,33 +18,33 @@ from myork.rom.sampling import force_lifts
 from myork.rom.setting import Setting, Snapshots
 from myork.types import F64
 
-#: Modes at most; beyond, the volume and not the cells sets the time. Large bodies have more: with
-#: 30 the calf's force was off by 1.7e-3 even with all cells, with 34 by 8e-4
+#: Largest number of modes; beyond it the volume and not the cells determines the time. Large bodies
+#: need more: with 30 the calf's force was off by 1.7e-3 even with all cells, with 34 by 8e-4
 MOST_MODES, MOST_OF_LARGE = 30, 34
-#: Integration points of large bodies
+#: Integration points from which on a body is large
 LARGE = 2000
-#: Modes that the error estimate has more
+#: Additional modes of the error estimate
 MORE_MODES = 12
-#: Directions of volume beyond the number of modes
+#: Directions of volume in addition to the number of modes
 MORE_VOLUME = 8
-#: Part of the tolerance that the modes may leave of the states: the error of the model is several
-#: times theirs, most of all where the material is about to lose ellipticity
+#: Part of the tolerance allowed for the projection error of the states: the error of the model is
+#: several times larger, above all where the material is about to lose ellipticity
 _SHARE = 0.1
-#: Errors of states are relative to their size, but not below this share of the largest
+#: Errors of states are relative to their size, or to this share of the largest if it is smaller
 _LEAST = 0.2
-#: Weight of the fields of forces among the snapshots
+#: Weight of the force fields among the snapshots
 _LIFT_WEIGHT = 0.01
-#: Weight of states beyond the range: with 1 they are held better, those of the range worse
+#: Weight of states beyond the range: with 1 they are better represented, those of the range worse
 _BEYOND_WEIGHT = 0.7
-#: Values of parameters, in their ranges, that are the same ones
+#: Relative difference of parameter values, in their ranges, below which they are equal
 _SAME = 1e-9
-#: How far modes are to hold: this times the largest sigma_max of the range
+#: Range in which modes are to be valid: this times the largest sigma_max of the range
 REACH = 1.75
-#: States that fill what is beyond, and those of the largest active stress at most
+#: States that fill the region beyond, and largest number of those with the largest active stress
 _SPREAD, _MOST_FACE = 16, 9
-#: Values of each load there, and loads of which all values are combined at most
+#: Values of each load there, and largest number of loads whose values are all combined
 _ENDS, _MOST_COMBINED = 5, 4
-#: Modes of the model that finds them; large bodies have fewer, since its volume takes their cube
+#: Modes of the model that finds them; fewer for large bodies, since its volume costs their cube
 _MODES, _MODES_OF_LARGE = 80, 60
 
 
@@ -60,11 +60,11 @@ class Basis(NamedTuple):
 class Draft(NamedTuple):
     """The reduced model of the states so far, with all cells."""
 
-    basis: Basis  #: Modes, `r` of which are the model's
-    #: Models of `r` and of all modes
+    basis: Basis  #: Modes; the first `r` are those of the model
+    #: Models with `r` modes and with all of them
     model: Model
     finer: Model
-    known: Snapshots  #: States of the range
+    known: Snapshots  #: States within the range
     amplitudes: F64  #: Their amplitudes, shape `(n, modes)`
 
     def solve(self, setting: Setting, values: F64) -> Answer:
@@ -82,7 +82,7 @@ class Draft(NamedTuple):
         )  # fmt: skip
 
     def forces(self, setting: Setting, values: F64, answer: Answer) -> F64:
-        """Stationary forces of states, without those of tractions, shape `(n, nf)`."""
+        """Stationary forces of states, without tractions, shape `(n, nf)`."""
         conditions = setting.conditions(values)
         r, count = self.basis.r, len(setting.wanted)
         lift = force_lifts(self.model, setting, values, answer.amplitudes)
@@ -111,13 +111,13 @@ def make_draft(
     most: int | None = None,
     more: int = MORE_MODES,
 ) -> Draft:
-    """The reduced model of snapshots and fields of forces, with all cells.
+    """The reduced model of snapshots and force fields, with all cells.
 
-    - `scene`, `setting`, `snapshots`, `tolerance`: what it is made of, and the error that is wanted
-    - `lifts`: fields of forces, shape `(n, dofs)`
-    - `beyond`: states outside of the range, which enter the modes alone, shape `(n, dofs)`
-    - `most`: modes at most
-    - `more`: modes that the estimate of the error has more
+    - `scene`, `setting`, `snapshots`, `tolerance`: its input, and the desired error
+    - `lifts`: force fields, shape `(n, dofs)`
+    - `beyond`: states outside the range, which only enter the modes, shape `(n, dofs)`
+    - `most`: largest number of modes
+    - `more`: additional modes for the error estimate
     """
     if most is None:
         most = MOST_OF_LARGE if len(setting.parts.weight) > LARGE else MOST_MODES
@@ -132,7 +132,7 @@ def make_draft(
 def joined(
     before: Snapshots | None, kinds: Sequence[Parameter], state: FullState, row: F64
 ) -> Snapshots:
-    """Snapshots with those of one more solve; a state that is there already is dropped."""
+    """Snapshots with those of one more solve; states that are already there are dropped."""
     values = np.tile(row, (len(state.load), 1))
     for j, parameter in enumerate(kinds):
         if parameter.grows:
@@ -157,7 +157,7 @@ def _basis(
     most: int,
     more: int,
 ) -> Basis:
-    """Modes of least squares, orthonormal by the mass, of states with relative errors."""
+    """Least squares modes, mass-orthonormal, of states with relative errors."""
     mass, size = _sizes(scene, snapshots.x)
     parts = [(snapshots.x, mass, 1.0 / np.maximum(size, _LEAST * size.max()))]
     if len(lifts):
@@ -186,7 +186,7 @@ def _sizes(scene: Scene, fields: F64) -> tuple[F64, F64]:
 def _with_all_cells(
     scene: Scene, setting: Setting, snapshots: Snapshots, basis: Basis
 ) -> tuple[Model, Model]:
-    """Models of `r` and of all modes with all cells."""
+    """Models with `r` modes and with all modes, with all cells."""
     m, r = basis.modes.shape[1], basis.r
     model = projection.project(
         scene, setting.parts, setting.laws, basis.modes, setting.columns, setting.variants
@@ -214,7 +214,7 @@ def _with_all_cells(
 
 
 def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Snapshots, F64]:
-    """Snapshots that are states of the range with their amplitudes, and rest where it is one."""
+    """Snapshots within the range with their amplitudes, and the state at rest if among them."""
     fixed = np.abs(setting.columns.value[:, :, 0]).max(initial=0.0) > 0 or (
         np.abs(setting.columns.force[:, 0]).max() > 0
     )
@@ -228,7 +228,7 @@ def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Sna
         rest, np.ones(1), np.zeros((1, snapshots.x.shape[1])), 0.0 * snapshots.probes[:1]
     )
     values = np.vstack([snapshots.values, rest])
-    # states of different rays meet at rest
+    # states of different rays coincide at rest
     _, own = np.unique(np.round(values, 12), axis=0, return_index=True)
     joined = [np.concatenate(pair)[own] for pair in zip(snapshots, empty, strict=True)]
     amplitudes = np.vstack([basis.amplitudes, np.zeros((1, basis.amplitudes.shape[1]))])
@@ -236,7 +236,7 @@ def _training(setting: Setting, snapshots: Snapshots, basis: Basis) -> tuple[Sna
 
 
 def values_beyond(setting: Setting, seed: int) -> F64:
-    """Values of parameters with sigma_max beyond its range, shape `(n, p)`; none if it is given."""
+    """Values of parameters with sigma_max beyond its range, shape `(n, p)`; none if it is fixed."""
     kinds = setting.parameters
     if not any(p.kind == "sigma_max" for p in kinds):
         return np.zeros((0, len(kinds)))
@@ -259,10 +259,10 @@ def states_beyond(
 ) -> F64:
     """States at these values, shape `(n, dofs)`.
 
-    A constant of the muscle that nobody measures is asked for outside of the range sooner than a
-    load is. The snapshots hold such states three times as well as the modes that are kept of them,
-    which states of the range have chosen: no full solve is needed, but a model with nearly all
-    modes, whose states there enter the choice.
+    A muscle constant that nobody measures is more often needed outside the range than a load. The
+    snapshots represent such states three times better than the modes kept of them, which were
+    selected by states of the range: instead of full solves, a model with nearly all modes gives
+    states there, which enter the selection.
     """
     values = values_beyond(setting, seed)
     if len(values) == 0:

@@ -1,4 +1,4 @@
-"""States of a reduced model: start by regression, correct by Newton, fall back, give the error."""
+"""States of a reduced model: regression, Newton correction, fallback and error estimate."""
 
 from typing import Any, NamedTuple
 
@@ -9,36 +9,36 @@ from myork.errors import InputError
 from myork.rom.projection import Laws
 from myork.types import F64, I64, Mask
 
-#: Newton's iteration ends at a relative step of this size: the next one would be its square, and
+#: Newton's method stops at a relative step of this size: the next one would be its square, and
 #: is below 3e-7
 TOLERANCE = 3e-4
 MOST_STEPS = 20
-#: Parts of the way from the nearest known state that are tried where the regression fails
+#: Numbers of increments from the nearest known state that are tried where the regression fails
 PARTS = (1, 2, 4, 8)
-#: Change from the regression, of the state, up to which it is the solution that is meant; states
-#: count as no smaller than a share of the largest known one
+#: Relative change from the regression up to which a solution is the intended one; states count as
+#: no smaller than this share of the largest known one
 _NEAR, _LEAST = 0.3, 0.2
 
 
 class Answer(NamedTuple):
-    """States of many parameters."""
+    """States for many parameters."""
 
     amplitudes: F64  #: Amplitudes of the modes, shape `(n, r)`
-    force: F64  #: Forces that were asked for, shape `(n, nf)`
-    iterations: I64  #: Newton's iterations, fallbacks included, shape `(n,)`
+    force: F64  #: Requested forces, shape `(n, nf)`
+    iterations: I64  #: Newton iterations, fallbacks included, shape `(n,)`
     converged: Mask  #: Whether a state is a solution, shape `(n,)`
-    min_j: F64  #: Smallest volume ratio of the cells that were evaluated, shape `(n,)`
+    min_j: F64  #: Smallest volume ratio of the evaluated cells, shape `(n,)`
 
 
 class Regression:
-    """Cubic radial functions of scaled parameters through the states of the training."""
+    """Cubic radial basis functions of scaled parameters, fitted to the training states."""
 
     def __init__(self, points: F64, values: F64, scale: F64) -> None:
         from scipy.interpolate import RBFInterpolator
 
         n, p = points.shape
         self._scale = scale
-        # a polynomial below that the points determine: those of rays lie in few planes
+        # lower the degree until the points determine the polynomial: rays lie in few planes
         degree = 2 if n > (p + 1) * (p + 2) else 1 if n > p + 1 else 0
         while True:
             try:
@@ -58,21 +58,21 @@ class Regression:
 
 
 class Conditions(NamedTuple):
-    """What states are asked for, by rows."""
+    """Requested conditions, one row per state."""
 
-    #: Of the tissues; the last is the angle by which fibers are turned [rad], shape `(n, nt)`
+    #: By tissue; the last is the rotation angle of the fibers [rad], shape `(n, nt)`
     activation: F64
     sigma_max: F64
     turn: F64
-    modulus: F64  #: Moduli that are parameters less their values in the model, shape `(n, nm)`
+    modulus: F64  #: Moduli that are parameters, less their values in the model, shape `(n, nm)`
     given: F64  #: Prescribed amplitudes, shape `(n, s - r)`
 
     def one(self, i: int) -> "Conditions":
-        """Those of one state."""
+        """The conditions of one state."""
         return Conditions(*(a[i : i + 1] for a in self))
 
     def columns(self) -> F64:
-        """As the core takes them: all of a state in one column."""
+        """In the layout of the core: one column per state."""
         state = np.stack([self.activation.T, self.sigma_max.T, self.turn.T], axis=1)
         state = state.reshape(-1, len(self.given), order="F")
         return np.asfortranarray(np.concatenate([state, self.modulus.T, self.given.T]))
@@ -81,11 +81,11 @@ class Conditions(NamedTuple):
 class Solver:
     """A reduced model with known states to start from.
 
-    - `model`: cells that are evaluated in Newton's iteration
-    - `whole`: cells by which forces are found
-    - `wanted`: amplitudes, from 0, whose forces are wanted
+    - `model`: cells evaluated in the Newton iteration
+    - `whole`: cells from which forces are computed
+    - `wanted`: amplitudes, from 0, whose forces are requested
     - `threads`: number of threads, 0 for all cores
-    - `least`: size of the amplitudes below which they are none
+    - `least`: size below which amplitudes count as zero
     """
 
     def __init__(
@@ -96,7 +96,7 @@ class Solver:
         self._whole = self._record if whole is model.cells else record(model, whole)
         self.threads = threads
         self.least = least
-        # the wrapper takes no empty arrays; one 0 is no force
+        # the wrapper takes no empty arrays; a single 0 means no force
         self._wanted = np.asarray(wanted, np.int32) + 1 if len(wanted) else np.zeros(1, np.int32)
         self._count = len(wanted)
 
@@ -110,9 +110,9 @@ class Solver:
         most: int = MOST_STEPS,
         lift: F64 | None = None,
     ) -> tuple[Answer, F64]:
-        """Newton's iteration from amplitudes, or on the way from known states in parts.
+        """Newton iteration from amplitudes, or in increments from known states.
 
-        `lift` describes how the modes follow the amplitudes whose forces are wanted, shape
+        `lift` gives the derivative of the modes by the amplitudes whose forces are requested, shape
         `(n, r, nf)`; without it forces are not stationary.
 
         - returns `answer`: the states
@@ -143,13 +143,13 @@ class Solver:
         most: int = MOST_STEPS,
         lift: F64 | None = None,
     ) -> Answer:
-        """States from a start; those that fail are followed from the nearest known ones."""
+        """States from a start; failed ones are followed from the nearest known states."""
         if most < MOST_STEPS:
-            # as many corrections as asked for; whether they were enough is said
+            # exactly the requested number of corrections; whether they suffice is reported
             answer, change = self.newton(conditions, start, tolerance=0.0, most=most, lift=lift)
             return answer._replace(converged=answer.converged & (change < TOLERANCE))
         answer = self.newton(conditions, start, lift=lift)[0]
-        # an iteration that wandered off may have found another solution: the way decides
+        # a diverging iteration may have found another solution: the path decides
         size = np.linalg.norm(answer.amplitudes, axis=1)
         least = _LEAST * np.linalg.norm(amplitudes, axis=1).max(initial=0.0)
         moved = np.linalg.norm(answer.amplitudes - start, axis=1)
@@ -177,12 +177,12 @@ class Solver:
 def conditions_of(
     values: F64, kinds: Any, laws: Laws, extra: int, share: F64 | None = None
 ) -> Conditions:
-    """Conditions of states by the values of the parameters.
+    """Conditions of states from the values of the parameters.
 
     - `values`: values, shape `(n, p)`
     - `laws`: materials of the deck
-    - `extra`: amplitudes of forces, which are zero
-    - `share`: part of what the deck prescribes beside the parameters; 1 by default
+    - `extra`: number of amplitudes for forces, which are zero
+    - `share`: fraction of the prescribed loads other than the parameters; 1 by default
     """
     n = len(values)
     activation = np.tile(laws.activation, (n, 1))

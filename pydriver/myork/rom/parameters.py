@@ -12,9 +12,9 @@ _POSSIBLE = (
     "load.activation, material.NAME.KEY with activation, sigma_max, fiber_angle, K and the other "
     "moduli, and prescribed values such as boundary.SET.u_z or boundary.SET.rotation are possible"
 )
-#: Displacements that a condition prescribes
+#: Displacements prescribed by a boundary condition
 PRESCRIBED = ("u_x", "u_y", "u_z", "radial", "rotation")
-#: Keys of one material: those of its muscle, and moduli on which the energy depends linearly
+#: Keys of one material: those of its muscle, and moduli that enter the energy linearly
 _OF_MATERIALS = (
     "activation", "sigma_max", "fiber_angle",
     "K", "mu", "C1", "C2", "C3", "A10", "A01", "A20", "A11", "A02", "A30", "A21", "A12", "A03",
@@ -29,22 +29,22 @@ class Parameter(NamedTuple):
     low: float
     high: float
     kind: str  #: `activation`, `sigma_max`, `fiber_angle`, `modulus`, `load` or `rotation`
-    tissues: tuple[int, ...]  #: Materials that it changes, from 0; none for a load or a rotation
-    end: float = 1.0  #: Last value of its amplitude, by which the value of the key is multiplied
+    tissues: tuple[int, ...]  #: Materials that it changes, from 0; empty for a load or a rotation
+    end: float = 1.0  #: Final value of its amplitude, which multiplies the value of the key
 
     @property
     def grows(self) -> bool:
-        """Whether the value grows from zero with the load, as that of a material does not."""
+        """Whether the value grows from zero with the load; material parameters do not."""
         return self.kind in ("activation", "load", "rotation")
 
     @property
     def columns(self) -> int:
-        """Prescribed fields that it scales: a rotation one by its sine, one by 1 - cosine."""
+        """Prescribed fields that it scales: a rotation has two, for its sine and for 1 - cosine."""
         return {"load": 1, "rotation": 2}.get(self.kind, 0)
 
 
 def number_in(item: str, text: str, option: str = "--vary") -> float:
-    """A finite number of an item of an option."""
+    """A finite number in an item of an option."""
     try:
         value = float(text)
     except ValueError:
@@ -69,7 +69,7 @@ def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
     return {key: (low, high) for key, (low, high) in pairs}
 
 
-#: Values of one key of a map at most
+#: Largest number of values of one key of a map
 _MOST_VALUES = 1_000_000
 
 
@@ -92,11 +92,11 @@ def numbers_of(items: Sequence[str]) -> dict[str, float]:
 def as_parameters(
     ranges: Mapping[str, Sequence[float]], deck: Mapping[str, Any], key_of: Callable[[str], str]
 ) -> tuple[Parameter, ...]:
-    """Parameters of a deck by their ranges; short names become keys.
+    """Parameters of a deck from their ranges; short names are replaced by keys.
 
-    - `ranges`: lowest and highest value by key as in `--set`, or by the last word of one
+    - `ranges`: lowest and highest value by key as in `--set`, or by its last word
     - `deck`: values of the deck
-    - `key_of`: full name of a key, as `deck_key` has it
+    - `key_of`: function that gives the full name of a key, as `deck_key`
     - raises InputError: a key that no reduced model can vary, or an empty range
     """
     if not ranges:
@@ -126,7 +126,7 @@ def as_parameters(
 
 
 def short_names(parameters: Sequence[Parameter]) -> dict[str, str]:
-    """Keys by their short names: the last word, where it is that of one parameter only."""
+    """Keys by their short names: the last word, if it belongs to one parameter only."""
     last = [parameter.key.rsplit(".", 1)[-1] for parameter in parameters]
     names = {parameter.key: parameter.key for parameter in parameters}
     for word, parameter in zip(last, parameters, strict=True):
@@ -150,10 +150,10 @@ def widths_of(parameters: Sequence[Parameter]) -> F64:
 
 
 def check_possible(name: str, values: F64) -> None:
-    """Refuse values of a key that no deck may have, which an equation would take all the same.
+    """Refuse values that no deck may have, but which the equations would accept.
 
     - `name`: key, or its last word
-    - raises InputError: a value out of the limits
+    - raises InputError: a value outside the limits
     """
     key = name.rpartition(".")[2]
     low, high = float(values.min(initial=np.inf)), float(values.max(initial=-np.inf))
@@ -168,7 +168,7 @@ def check_possible(name: str, values: F64) -> None:
 
 
 def value_of(parameter: Parameter, deck: Mapping[str, Any]) -> float:
-    """The value that a deck has for a parameter."""
+    """Value of a parameter in a deck."""
     table, *entry, key = parameter.key.split(".")
     found = deck[table]
     if entry:
@@ -177,9 +177,9 @@ def value_of(parameter: Parameter, deck: Mapping[str, Any]) -> float:
 
 
 def ends_of(deck: Mapping[str, Any]) -> dict[str, set[float]]:
-    """Last values of the amplitudes that keys of a deck follow, 1 where a key follows none.
+    """Final values of the amplitudes used by keys of a deck, 1 for keys without an amplitude.
 
-    The common activation has several where its muscles follow different amplitudes.
+    The common activation has several if its muscles follow different amplitudes.
     """
     last = {entry["name"]: float(entry["value"][-1]) for entry in deck["amplitude"]}
     found: dict[str, set[float]] = {}
@@ -226,7 +226,7 @@ def _resolved(name: str, low: float, high: float, deck: Mapping[str, Any]) -> Pa
 def _of_material(
     name: str, entry: str, low: float, high: float, materials: Sequence[Mapping[str, Any]]
 ) -> Parameter:
-    """A constant of the one material that has it, or of an entry by its name."""
+    """A constant of the only material that has it, or of a material given by name."""
     key = name.rpartition(".")[2]
     own = [
         i

@@ -1,4 +1,4 @@
-"""Stresses at the places of probes: rows made once, evaluated at amplitudes."""
+"""Stresses at the places of probes: arrays built once, evaluated from amplitudes."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -13,7 +13,7 @@ from myork.rom.online import Conditions
 from myork.rom.setting import Setting
 from myork.types import F64
 
-#: Iterations, change of the deformation gradient at which they end, and step of differences
+#: Iterations, their tolerance in the deformation gradient, and step of finite differences
 _MOST, _EXACT, _SMALL = 20, 1e-9, 1e-7
 
 
@@ -23,14 +23,14 @@ def place_arrays(
     """Arrays of the places of probes.
 
     - `scene`: open scene
-    - `setting`: what is the same for all models
+    - `setting`: data common to all models
     - `modes`: modes, shape `(n, r)`
     - `model`: the reduced model with all cells
-    - `probes`: probes of the deck, from 0
+    - `probes`: indices of probes of the deck, from 0
     - returns `places/pressure`, the pressures there as cubic forms of `(1, z)`, shape
-      `(places, s + 1, s + 1, s + 1)`; of those on free faces gradients along them, `places/face` of
-       shape `(9, places, s)`, `places/normal` and `places/bulk`, otherwise zero; and the places as
-       `Cells` of weight one
+      `(places, s + 1, s + 1, s + 1)`; on free faces the gradients along them, `places/face` of
+      shape `(9, places, s)`, `places/normal` and `places/bulk`, otherwise zero; and the places as
+      `Cells` of weight one
     """
     if not len(probes):
         return {}
@@ -44,7 +44,7 @@ def place_arrays(
     for k, probe in enumerate(probes):
         place = place_parts(scene, probe, modes)
         found.append(place)
-        # gradients of the shape functions do not know what the surface's cells are given
+        # gradients of shape functions ignore what is prescribed in cells at the surface
         h[:, k, :columns] = place.gradient
         face[:, k, :columns] = place.face
         h[:, k] += np.einsum("q,kqs->ks", place.weight, model.cells.h)
@@ -64,7 +64,7 @@ def place_arrays(
     slopes = np.zeros((len(probes), model.cells.bulk_slope.shape[1]))
     directions = projection.Directions(pressure, slopes, (len(probes),))
     volume = projection.with_volume(model, parts, directions).volume
-    # entries whose indices rise count
+    # only entries with ascending indices are used
     at = np.sort(np.indices((s + 1,) * 3).reshape(3, -1), axis=0)
     forms = volume[at[0], at[1], at[2]].reshape(s + 1, s + 1, s + 1, -1)
     arrays: dict[str, Any] = {f"places/{key}": value for key, value in cells._asdict().items()}
@@ -77,11 +77,11 @@ def place_arrays(
 
 
 class Places:
-    """Stresses at places, of the amplitudes of a reduced model.
+    """Stresses at places from the amplitudes of a reduced model.
 
     - `arrays`: those of `place_arrays`
     - `cells`: the places as cells of weight one
-    - `fibers`: of a `Model`
+    - `fibers`: as in `Model`
     """
 
     def __init__(self, arrays: Mapping[str, Any], cells: Cells, fibers: F64) -> None:
@@ -93,7 +93,7 @@ class Places:
     def values(
         self, conditions: Conditions, amplitudes: F64, wanted: Mapping[int, str]
     ) -> dict[int, F64]:
-        """Quantities, by the number of the place, of states, each of shape `(n,)`."""
+        """Quantities of states, each of shape `(n,)`, by the number of the place."""
         z = np.hstack([amplitudes, conditions.given])
         one = np.hstack([np.ones((len(z), 1)), z])
         gradient = np.einsum("kqs,ns->nqk", self._cells.h, z)
@@ -111,14 +111,14 @@ class Places:
         if self._bulk.any():
             along = np.eye(3) + np.einsum("kqs,ns->nqk", self._face, z).reshape(f.shape)
             self._release(conditions.columns(), along, cauchy)
-        # inside out no stress exists
+        # no stress exists where J <= 0
         cauchy[~(j > 0.0)] = np.nan
         return {k: _quantity(name, cauchy[:, k], j[:, k]) for k, name in wanted.items()}
 
     def _release(self, wish: F64, f: F64, cauchy: F64) -> None:
-        """Take the traction off the stresses on free faces, as the full model does."""
+        """Remove the traction from the stresses on free faces, as the full model does."""
         normal, bulk = self._normal, self._bulk[:, None, None]
-        # directions in which a plane body moves
+        # directions in which a plane body can deform
         axes = [i for i in range(3) if self._cells.h[3 * i : 3 * i + 3].any()]
 
         def piola(g: F64) -> F64:

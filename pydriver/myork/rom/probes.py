@@ -6,7 +6,7 @@ from typing import Any
 from myork.core.scene import Scene
 from myork.types import F64
 
-#: Quantities of a point that follow from its deformation and pressure
+#: Quantities at a point that follow from its deformation and pressure
 _STRESSES = {f"cauchy_{a}{b}" for a in "xyz" for b in "xyz"} | {"J", "pressure", "principal_max"}
 #: Quantities of several components
 _VECTORS = ("u", "force", "section_force")
@@ -37,7 +37,7 @@ def units_of(
 
 
 def named_probes(scene: Scene, x: F64, load: F64) -> dict[str, Any]:
-    """Probe values by name: a list of numbers, or of vectors."""
+    """Probe values by name: a list of numbers or vectors."""
     values = scene.probes(x, load)
     named = {}
     for i, probe in enumerate(scene.deck["probe"]):

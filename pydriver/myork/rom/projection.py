@@ -19,40 +19,40 @@ from myork.types import F64, I32, I64, Mask
 
 
 class Laws(NamedTuple):
-    """Materials of the tissues as the reduced model has them."""
+    """Materials of the tissues in the reduced model."""
 
-    #: As `tissue_laws` has them
+    #: As returned by `tissue_laws`
     coefficients: F64
     fibers: F64
     fibered: Mask  #: Whether a tissue has fibers, shape `(nt,)`
-    #: Largest isometric stress, activation and `fiber_angle` [degree] of the deck, shape `(nt,)`
+    #: Maximal isometric stress, activation and `fiber_angle` [degree] of the deck, shape `(nt,)`
     sigma_max: F64
     activation: F64
     angle: F64
-    #: Values of the deck of those parameters that are moduli, one zero where there is none
+    #: Values in the deck of the parameters that are moduli; a single zero if there are none
     modulus: F64
 
 
 class Variant(NamedTuple):
     """The full model at another value of a modulus that is a parameter."""
 
-    step: float  #: That value less the deck's
+    step: float  #: That value less the value of the deck
     scene: Scene  #: Open scene
-    #: Its parts
+    #: Its Galerkin parts
     parts: GalerkinParts
     laws: Laws
     columns: "Columns"
 
 
 class Directions(NamedTuple):
-    """Directions in which volume changes, by blocks whose energy has one factor."""
+    """Directions of volume change, in blocks whose energy has one factor."""
 
-    basis: F64  #: Columns, of each block up to a multiple of eight, shape `(rows, kept)`
-    slope: F64  #: Derivatives of their factors by parameters of materials, shape `(kept, nm)`
-    blocks: tuple[int, ...]  #: Columns of each block that are not zero
+    basis: F64  #: Columns, padded in each block to a multiple of eight, shape `(rows, kept)`
+    slope: F64  #: Derivatives of their factors by material parameters, shape `(kept, nm)`
+    blocks: tuple[int, ...]  #: Number of nonzero columns of each block
 
     def first(self, count: int) -> I64:
-        """Numbers of the first columns of each block, up to a multiple of eight."""
+        """Indices of the first columns of each block, up to a multiple of eight."""
         found, start = [], 0
         for size in self.blocks:
             found.append(start + np.arange(_eights(min(size, count))))
@@ -61,7 +61,7 @@ class Directions(NamedTuple):
 
 
 class Columns(NamedTuple):
-    """Amplitudes beside the modes: what is prescribed, and what forces are wanted of."""
+    """Amplitudes in addition to the modes: prescribed values, and those of requested forces."""
 
     given: F64  #: Displacement gradients at the integration points, shape `(np, 9, m)`
     force: F64  #: Forces on the unknowns, shape `(n, m)`
@@ -99,8 +99,8 @@ def cells_of(
     """Points as cells.
 
     - `h`: displacement gradients of the amplitudes, shape `(9, points, s)`
-    - `weight`, `bulk`: weight of each point, and the part of the bulk modulus that acts there
-    - `first`: entries of tissues before each point, shape `(points + 1,)`
+    - `weight`, `bulk`: weight of each point, and the local part of the bulk modulus there
+    - `first`: number of tissue entries before each point, shape `(points + 1,)`
     - `tissues`: tissue of each entry, from 0, its fraction and fiber, as in `GalerkinParts`
     - `laws`: materials
     """
@@ -140,7 +140,7 @@ def project(
     columns: Columns,
     variants: Sequence[Variant] = (),
 ) -> Model:
-    """The reduced model with all its cells, but without its volume."""
+    """The reduced model with all cells, but without its volume terms."""
     r = modes.shape[1]
     s = r + columns.force.shape[1]
     h = np.concatenate([modal_gradients(scene, modes), columns.given], axis=2)
@@ -169,7 +169,7 @@ def project(
 
 
 def _constant(scene: Scene, parts: GalerkinParts, modes: F64, columns: Columns) -> F64:
-    """Penalty and stabilisation of all amplitudes."""
+    """Penalty and stabilisation matrix of all amplitudes."""
     stiff = modal_products(scene, modes)[0]
     side = -(modes.T @ columns.force)
     penalty = parts.penalty[:, None] * parts.essential
@@ -202,9 +202,9 @@ def with_volume(model: Model, parts: GalerkinParts, directions: Directions) -> M
 def volume_directions(
     cells: Cells, parts: GalerkinParts, variants: Sequence[Variant], states: F64, kept: int
 ) -> Directions:
-    """Directions in which volume changes along states, shape `(s, n)`.
+    """Directions of volume change along states, shape `(s, n)`.
 
-    Rows whose factors on the energy follow moduli alike are a block.
+    Rows whose energy factors depend on moduli in the same way form a block.
     """
     slopes = _volume_slopes(parts, variants)
     size = np.abs(slopes).max(axis=0)
@@ -214,7 +214,7 @@ def volume_directions(
     columns, factors, blocks = [], [], []
     for block in range(block_of.max() + 1):
         own = np.flatnonzero(block_of == block)
-        # in the order of their size, also where all are kept: smaller models take the first ones
+        # ordered by size, even if all are kept: smaller models take the first ones
         left = np.linalg.svd(found[own], full_matrices=False)[0][:, :kept]
         wide = np.zeros((len(slopes), _eights(left.shape[1])))
         wide[own, : left.shape[1]] = left
@@ -225,7 +225,7 @@ def volume_directions(
 
 
 def _changes(cells: Cells, parts: GalerkinParts, states: F64) -> F64:
-    """Changes of volume along states and their derivatives by the amplitudes."""
+    """Volume changes along states and their derivatives by the amplitudes."""
     rows, total = volume_rows(parts)
     found = []
     h = cells.h.reshape(-1, cells.h.shape[2], order="F")
@@ -233,10 +233,10 @@ def _changes(cells: Cells, parts: GalerkinParts, states: F64) -> F64:
     for z in states.T:
         f = (h @ z).reshape(-1, 3, 3) + np.eye(3)
         cofactor = 0.5 * _cross(f, f).reshape(-1, 9)
-        # dy/dz, also by amplitudes that stay zero: forces are their derivatives
+        # dy/dz, also by amplitudes that stay zero, because forces are these derivatives
         slope = rows @ np.einsum("qk,qkm->qm", cofactor, columns)
         change = rows @ ((cofactor * f.reshape(-1, 9)).sum(axis=1) / 3.0) - total
-        # the changes themselves, however small, as large as what they may become
+        # the changes themselves, scaled to the size that they may reach, however small they are
         size = np.linalg.norm(change)
         if size > 0.0:
             change *= np.linalg.norm(slope, axis=0).max() / size
@@ -250,14 +250,14 @@ def _eights(count: int) -> int:
 
 
 def _volume_slopes(parts: GalerkinParts, variants: Sequence[Variant]) -> F64:
-    """Derivatives of the factors on the energy of the rows by moduli, shape `(rows, nm)`."""
+    """Derivatives of the energy factors of the rows by moduli, shape `(rows, nm)`."""
     own = np.repeat(np.arange(len(parts.bulk)), parts.polynomials)
     slopes = [(v.parts.bulk / parts.bulk - 1.0) / v.step for v in variants]
     return np.stack([slope[own] for slope in slopes] or [np.zeros(len(own))], axis=1)
 
 
 def volume_rows(parts: GalerkinParts) -> tuple[sparse.csr_matrix, F64]:
-    """Change of volume of groups from J at points, in roots of energy: `rows @ J - total`."""
+    """Volume change of groups from J at points, scaled to roots of energy: `rows @ J - total`."""
     row, column, value = [], [], []
     total: list[float] = []
     for g, count in enumerate(parts.polynomials):

@@ -1,6 +1,6 @@
-"""Cells that stand for all: of the residual, of forces; and how modes follow forces' amplitudes.
+"""Hyperreduction: cell samples for the residual and for forces; lifts of the force amplitudes.
 
-Few cells with weights in place of all are found by non-negative least squares on their work.
+A few weighted cells that replace all are found by non-negative least squares on their work.
 
 Reference: Farhat, Chapman, Avery, Int. J. Numer. Meth. Engng 102 (2015), doi:10.1002/nme.4820
 """
@@ -13,10 +13,10 @@ from myork.core.online import Model, assemble
 from myork.rom.setting import Setting
 from myork.types import F64, I64
 
-#: Random sums that stand for all equations in the cubature: the norm of a combination of cells is
-#: that of all equations within a few per cent
+#: Random combinations that replace all equations in the cubature; they preserve the norm of a
+#: combination of cells within a few per cent
 SKETCH_ROWS = 900
-#: Part of the tolerance that few cells may add to the displacement, in the mean of the states
+#: Part of the tolerance for the displacement error of the cell sample, averaged over the states
 _CELL_SHARE = 0.55
 #: States count as no smaller than this share of the largest
 _LEAST = 0.1
@@ -44,11 +44,11 @@ def sample_cells(
     seed: int,
     most: int,
 ) -> tuple[I64, F64, float]:
-    """Cells with weights that keep the amplitudes, to `tolerance` of those of each state.
+    """Cells and weights that reproduce the amplitudes, to `tolerance` relative to each state.
 
-    A residual is measured by the step of the amplitudes that it makes: in L2 over the body, as
-    errors are. In the norm of the tangent stiff modes, which hardly move, would ask for half of the
-    cells. Forces have cells of their own, or all.
+    A residual is measured by the step of the amplitudes that it causes: in L2 over the body, like
+    errors. In the norm of the tangent, stiff modes, which hardly move, would require half of the
+    cells. Forces use separate cells, or all.
     """
     r = model.r
     random = np.random.default_rng(seed)
@@ -62,15 +62,15 @@ def sample_cells(
         stiffness = np.maximum(stiffness, 1e-3 * np.median(stiffness))
         step = (vectors / stiffness).T @ work[:r] / size
         rows += random.standard_normal((SKETCH_ROWS, r)) @ step / np.sqrt(SKETCH_ROWS)
-    # as large as what is asked of all states: the size of the target is one a state
+    # scaled to the equations of all states: the target has unit size per state
     volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
     return few_cells(np.vstack([rows, volume]), _CELL_SHARE * tolerance, most)
 
 
 def force_lifts(model: Model, setting: Setting, values: F64, amplitudes: F64) -> F64:
-    """How the modes follow the amplitudes of forces, shape `(n, r nf)`.
+    """Derivative of the modes by the amplitudes of forces, shape `(n, r nf)`.
 
-    By the tangent of all cells: that of a sample is not made for amplitudes that stay zero.
+    From the tangent of all cells: a sample is not made for amplitudes that stay zero.
     """
     conditions = setting.conditions(values)
     wanted = setting.wanted + model.r
@@ -86,7 +86,7 @@ def force_lifts(model: Model, setting: Setting, values: F64, amplitudes: F64) ->
 def sample_forces(
     model: Model, setting: Setting, values: F64, amplitudes: F64, lifts: F64, tolerance: float
 ) -> tuple[I64, F64, float]:
-    """Cells with weights that keep the stationary forces; `lifts` are those of `force_lifts`."""
+    """Cells and weights that reproduce stationary forces; `lifts` are those of `force_lifts`."""
     r = model.r
     wanted = setting.wanted + r
     rows = []
@@ -101,14 +101,14 @@ def sample_forces(
 
 
 def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:
-    """Cells and positive weights that keep the sums of rows.
+    """Cells and positive weights that reproduce the sums of rows.
 
     - `rows`: contributions of the cells, shape `(equations, cells)`
-    - `tolerance`: relative residual at which no cell is added any more
-    - `most`: cells at most
+    - `tolerance`: relative residual at which no more cells are added
+    - `most`: largest number of cells
     - returns `cells`: numbers of the cells, ascending
     - returns `weights`: their weights, above zero, in the same order
-    - returns `residual`: relative residual that is left
+    - returns `residual`: remaining relative residual
     """
     target = rows.sum(axis=1)
     size = np.linalg.norm(target)
@@ -128,7 +128,7 @@ def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:
             trial = _weights(rows[:, kept], target)
             if trial.min() > 0.0:
                 break
-            # as far as all weights stay positive; those that reach zero leave
+            # step as far as all weights stay positive; cells whose weights reach zero are removed
             old = weight[kept]
             negative = trial <= 0.0
             share = np.min(old[negative] / np.maximum(old[negative] - trial[negative], 1e-300))
@@ -140,7 +140,7 @@ def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:
             kept = [cell for cell, stays in zip(kept, stay, strict=True) if stays]
         new = target - rows[:, kept] @ trial
         if not np.linalg.norm(new) < np.linalg.norm(left):
-            # rounding: the same cells would come and go without an end
+            # rounding: the same cells would enter and leave endlessly
             kept = sorted(np.flatnonzero(best_weight).tolist())
             weight = best_weight
             break
@@ -153,7 +153,7 @@ def few_cells(rows: F64, tolerance: float, most: int) -> tuple[I64, F64, float]:
 
 
 def _weights(columns: F64, target: F64) -> F64:
-    """Weights of least squares: by QR, ten times as fast as singular values, where it is safe."""
+    """Least squares weights: where it is safe by QR, ten times as fast as singular values."""
     q, r = np.linalg.qr(columns)
     size = np.abs(r.diagonal())
     if len(size) < columns.shape[1] or size.min() < 1e-12 * size.max():

@@ -1,4 +1,4 @@
-"""What is the same for all models of one training."""
+"""Data common to all models of one training."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -20,21 +20,21 @@ from myork.types import F64, I64
 
 
 class Snapshots(NamedTuple):
-    """Full states with what they were asked for."""
+    """Full states with the conditions they were solved for."""
 
-    values: F64  #: Values of the parameters, those of loads scaled with the way, shape `(n, p)`
-    share: F64  #: Part of what is prescribed beside the parameters, shape `(n,)`
+    values: F64  #: Values of the parameters, those of loads scaled along the path, shape `(n, p)`
+    share: F64  #: Fraction of the loads other than the parameters, shape `(n,)`
     x: F64  #: Unknowns, shape `(n, dofs)`
     probes: F64  #: Values of the probes, shape `(n, probes, 3)`
 
 
 class Setting(NamedTuple):
-    """What is the same for all models of one training."""
+    """Data common to all models of one training."""
 
     parameters: tuple[Parameter, ...]  #: Keys with their ranges
     laws: Laws  #: Materials
     parts: GalerkinParts  #: Integration points
-    #: What the deck prescribes beside the parameters, a unit of each load or two of a rotation, a
+    #: Prescribed loads other than the parameters, a unit of each load or two of a rotation, and a
     #: unit of each set whose force is wanted and that no load moves
     columns: Columns
     extra: int  #: Number of the last ones
@@ -42,7 +42,7 @@ class Setting(NamedTuple):
     threads: int
     #: Keys of the values of those sets, with the values and the ends of their amplitudes
     still: tuple[tuple[str, float, float], ...]
-    #: Parts of the wanted forces that are tractions, by the columns, shape `(nf, columns)`
+    #: Traction parts of the wanted forces, by the columns, shape `(nf, columns)`
     pushes: F64
     places: tuple[tuple[int, int], ...]  #: Probe and component of each wanted force
     #: The full model at other values of the moduli that are parameters
@@ -50,7 +50,7 @@ class Setting(NamedTuple):
     stresses: tuple[int, ...]  #: Probes of stresses, from 0
 
     def conditions(self, values: F64, share: F64 | None = None) -> Conditions:
-        """Conditions of states by their parameters."""
+        """Conditions of states from their parameters."""
         return conditions_of(values, self.parameters, self.laws, self.extra, share)
 
 
@@ -62,11 +62,11 @@ def make_setting(
     threads: int,
     opened: ExitStack,
 ) -> tuple[Setting, dict[str, Any]]:
-    """What does not depend on the snapshots, and the head of the file.
+    """Data that do not depend on the snapshots, and the head of the file.
 
     Scenes at other values of moduli are opened in `opened`.
 
-    - raises InputError: a modulus on which the model does not depend linearly
+    - raises InputError: a modulus that does not enter the model linearly
     """
     base, units = full.loads(kinds)
     parts = galerkin_parts(scene)
@@ -146,7 +146,7 @@ def _variant(
     loads: Sequence[LoadParts],
     extra: Sequence[F64],
 ) -> Variant:
-    """The full model at another value of a modulus, by scenes half-way there and there."""
+    """The full model at another value of a modulus, from scenes half-way there and there."""
     half, there = (galerkin_parts(scene) for scene in scenes)
     for name in ("bulk", "local_bulk", "basis", "weight"):
         old, middle, new = (getattr(p, name) for p in (parts, half, there))
@@ -166,7 +166,7 @@ def _variant(
 
 
 def force_values(setting: Setting, probes: F64) -> F64:
-    """Wanted forces of states by the values of their probes, shape `(n, probes, 3)`."""
+    """Wanted forces of states from the values of their probes, shape `(n, probes, 3)`."""
     columns = [probes[:, index, place] for index, place in setting.places]
     return np.stack(columns, axis=1) if columns else np.zeros((len(probes), 0))
 
@@ -174,7 +174,7 @@ def force_values(setting: Setting, probes: F64) -> F64:
 def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[str, float, float]]:
     """Key, value and end of the amplitude of a displacement of a set.
 
-    None where it is not a number, or where nothing of it is left at the end.
+    None where it is not a number, or where its amplitude ends at zero.
     """
     name = f"u_{'xyz'[axis]}"
     entries = [b for b in deck["boundary"] if b["set"] == of_set and name in b]
@@ -185,7 +185,7 @@ def _prescribed(deck: Mapping[str, Any], of_set: str, axis: int) -> list[tuple[s
 
 
 def _unit_load(scene: Scene, points: int, value: F64) -> LoadParts:
-    """What displacements of surface points make; the scene's own loads are lost."""
+    """Loads due to displacements of surface points; the scene's own loads are overwritten."""
     fields = np.zeros((len(scene.field_points()), 3))
     fields[points:, : value.shape[1]] = value
     scene.set_fields(np.zeros_like(fields), fields, np.zeros((len(fields), 3, 3)))

@@ -1,6 +1,6 @@
-"""The file `.rom.h5`: arrays of a reduced model by name, with a head that says what they are.
+"""The file `.rom.h5`: arrays of a reduced model by name, with a head that describes them.
 
-Its checksum is of names, types, shapes and numbers: what is read is what a training wrote.
+Its checksum covers names, types, shapes and numbers, so that a training is read as written.
 """
 
 import hashlib
@@ -21,7 +21,7 @@ FORMAT = "myork-rom 7"
 
 
 def write_arrays(path: Path, arrays: Mapping[str, Any]) -> None:
-    """Write the arrays of a reduced model; the file is there whole or not at all."""
+    """Write the arrays of a reduced model; the file is written completely or not at all."""
     values = {name: np.asarray(v) for name, v in arrays.items() if name != "head"}
     values["head"] = np.asarray(np.bytes_(arrays["head"].encode()))
     content = io.BytesIO()
@@ -39,7 +39,7 @@ def read_arrays(path: Path) -> dict[str, Any]:
     """Read what `write_arrays` wrote.
 
     - raises FileError: there is no such file, or its content is not what was written
-    - raises InputError: it is of another format
+    - raises InputError: it has another format
     """
     if not path.is_file():
         raise FileError(f"{path}: there is no such reduced model; `myork rom train` writes one")
@@ -67,7 +67,7 @@ def read_arrays(path: Path) -> dict[str, Any]:
 
 
 def _checksum(values: Mapping[str, NDArray[Any]]) -> str:
-    """Of names, types, shapes and numbers."""
+    """Checksum of names, types, shapes and numbers."""
     total = hashlib.sha256()
     for name, value in sorted(values.items()):
         total.update(f"{name} {value.dtype.str} {value.shape} ".encode())

@@ -27,19 +27,19 @@ def run_rom(
     threads: int | None = None,
     progress: ProgressCallback = silent,
 ) -> dict[str, Any]:
-    """Reduce the full model and compare.
+    """Reduce the full model and compare both.
 
     The snapshots are the converged coefficients of all load steps of a solve, or of those that the
     deck chooses. The modes come from their singular values. Each reduced model solves all load
-    steps again, whether or not they gave a snapshot. A deck that
-    takes its load in one step, as those of the Galerkin form do where they name no steps, is solved
-    in ten of them if more than one mode is wanted.
+    steps again, whether or not they gave a snapshot. A deck with a single load step, such as those
+    of the Galerkin form that give no number of steps, is solved in ten steps if more than one mode
+    is wanted.
 
-    - `deck`: deck file, or its tables as data; the table `rom` says how many modes
+    - `deck`: deck file, or its tables as data; the table `rom` gives the numbers of modes
     - `out`: folder of `summary.json`, to which the entry `rom` is added
     - `overrides`: overrides of the deck, `"table.key=value"`
     - returns the entry `rom` of the summary: `snapshots`, `pov`, `full`, `models`
-    - raises InputError: the deck is wrong, or more modes than snapshots are asked for
+    - raises InputError: the deck is wrong, or more modes than snapshots are requested
     - raises ConvergenceError: the full or a reduced model did not converge
     """
     out = Path(out)
@@ -55,7 +55,7 @@ def run_rom(
             "rom": study,
         }
         if "converged" not in read_summary(out):
-            # no solve has said what was asked
+            # no solve has recorded the request
             tables = {key: table for key, table in scene.deck.items() if key not in NOT_TABLES}
             named |= {"deck": tables, "dimension": scene.dimension, "overrides": asked}
         update_summary(out, named)
@@ -75,8 +75,8 @@ def _solved(scene: Scene, progress: ProgressCallback) -> tuple[States, float]:
     """States of the full model, and wall time of the load steps without their checks [s]."""
     started = time.perf_counter()
     states = scene.solve(progress=progress, error=False)
-    # a reduced state is not looked at for what deserves a warning, nor is the largest stable time
-    # step of a motion looked for
+    # a reduced state is not checked for warnings, and the largest stable time step of a motion is
+    # not computed
     seconds = time.perf_counter() - started - states.checks_s
     for text in states.warnings:
         progress(f"warning: {text}")
@@ -92,7 +92,7 @@ def _with_steps(
     if source and tables.get("galerkin", {}).get("essential") == "transformation":
         said = load_deck(deck, [*overrides, override_text("geometry.source", source)], "rom")
         if said["galerkin"]["essential"] == "penalty":
-            # exact only because nobody chose the points; modes need the penalty
+            # exact prescription is only the default for unspecified points; modes need the penalty
             overrides = [*overrides, override_text("galerkin.essential", "penalty")]
     if "load" not in tables or step_count(tables) == tables["load"]["steps"]:
         return overrides
@@ -105,7 +105,7 @@ def _with_steps(
 
 
 def _check_modes(scene: Scene) -> None:
-    """Refuse more modes than there can be, and what has no states, before anything is solved."""
+    """Refuse too many modes, and decks without states, before anything is solved."""
     if "linear" in scene.deck and "dynamics" not in scene.deck:
         raise InputError(
             "reduced models are for nonlinear problems and motions: a static linear "
@@ -169,7 +169,7 @@ def _study(
 
 
 class PathStates(NamedTuple):
-    """States along a path of loads, with what errors need of them."""
+    """States along a load path, with the data that errors need."""
 
     x: F64  #: Unknowns of the full model, shape `(nstep, dofs)`
     load: F64  #: Fractions of the full load, shape `(nstep,)`
@@ -178,7 +178,7 @@ class PathStates(NamedTuple):
 
     @classmethod
     def of(cls, scene: Scene, x: F64, load: F64) -> "PathStates":
-        """Those of a scene's states."""
+        """The states of a scene."""
         fields = [scene.fields(state, at) for state, at in zip(x, load, strict=True)]
         return cls(x, load, fields, named_probes(scene, x, load))
 
@@ -186,14 +186,14 @@ class PathStates(NamedTuple):
 def reduced_path(
     scene: Scene, full: PathStates, modes: F64, projection: str = "auto", *, published: bool = False
 ) -> dict[str, Any]:
-    """Project a scene on modes and solve all its load steps; errors and times.
+    """Project a scene onto modes and solve all its load steps; errors and times.
 
     - `scene`: the full model
     - `full`: its states
     - `modes`: orthonormal columns, shape `(dofs, r)`
-    - `projection`: as of `Scene.reduce`
-    - `published`: rows assembled in full and then projected, and Cholesky's factor of (A'U)^T A'U
-      (6.67), instead of rows in the span of the modes and Householder's QR
+    - `projection`: as in `Scene.reduce`
+    - `published`: rows assembled in full and then projected, and the Cholesky factor of (A'U)^T A'U
+      (6.67), instead of rows in the span of the modes and Householder QR
     """
     started = time.perf_counter()
     scene.reduce(modes, projection, assembled=published)
@@ -209,7 +209,7 @@ def reduced_path(
     ]
     return {
         "e1": displacement_error(full.fields, found.fields),
-        # fields of linear problems are displacements alone
+        # linear problems have displacement fields only
         "e2": None if "linear" in scene.deck else gradient_error(full.fields, found.fields),
         "stress_error": largest_error(
             np.array([field.cauchy for field in full.fields]),
@@ -234,8 +234,8 @@ def gradient_error(full: list[Fields], reduced: list[Fields]) -> float:
     """Error e2 of the displacement gradient (6.72) [-].
 
     The norm is over all points and components. As printed, components are summed at each point
-    before the norm is taken; the published numbers are not those of such sums: of the tube with two
-    modes these give 0.596, all components 0.2917, as table 6.6 has it.
+    before the norm is taken; the published numbers do not follow from such sums: for the tube with
+    two modes these give 0.596, all components 0.2917, in agreement with table 6.6.
     """
     return _relative([a.f - np.eye(3) for a in full], [b.f - np.eye(3) for b in reduced])
 

@@ -48,20 +48,20 @@ from myork.types import F64, I64
 
 #: Load steps of the first solves, from rest to the corners of the range
 RAY_STEPS = 8
-#: Corners at most
+#: Largest number of corners
 MOST_RAYS = 16
-#: States that are added at a time, and candidates among which they are chosen, half as many for
+#: States added at a time, and candidates from which they are chosen, half as many for
 #: large bodies
 BATCH, CANDIDATES = 8, 128
-#: States at which the body is made to follow sets that stand still, and the step [length]
+#: States at which the response to fixed sets is computed, and the step [length]
 _LIFT_STATES, _LIFT_STEP = 4, 1e-3
-#: Tolerances of the cubature, of that asked for, until few cells are as good as all
+#: Tolerances of the cubature relative to the requested one, until few cells are as good as all
 _FINER = (1.0, 0.5)
-#: Solutions of the model with all cells that the cubature is trained on beside the full ones
+#: Solutions of the model with all cells used to train the cubature, besides the full ones
 VIRTUAL = 96
-#: Tolerance of the cells that estimate the error, of that of the model: they are not to share it
+#: Tolerance of the cells of the error estimate relative to the model's: errors must not coincide
 _ESTIMATE = 0.7
-#: Cells that are kept at most
+#: Largest number of cells
 _MOST_CELLS = 400
 
 
@@ -81,19 +81,19 @@ def train(
     """Train a reduced model of a deck.
 
     The first full solves go from rest to corners of the range, and give a state for each of their
-    steps. All others begin at the state that the reduced model of those before finds. Half of them
-    fill the range evenly; the rest are chosen where that model estimates its largest error. A test
-    that nothing is chosen by ends the training where it meets the tolerance; its errors are the
+    steps. All others start from the state predicted by the current reduced model. Half of them
+    fill the range evenly; the rest are chosen where that model estimates its largest error. A test,
+    which influences no choice, ends the training when it meets the tolerance; its errors are the
     certificate.
 
     - `deck`: deck file; its method is one of the Galerkin forms
     - `parameters`: ranges `(low, high)` by key, or texts `KEY=LOW:HIGH`
-    - `tolerance`: target error: of the force relative, of the displacement in the largest one of
-      the test
-    - `full_solves`: full solves of the training at most, the corners included
-    - `tests`: further full solves of the test; without them the training does not end before
+    - `tolerance`: target error: of the force relative, of the displacement relative to the largest
+      one of the test
+    - `full_solves`: largest number of full solves of the training, the corners included
+    - `tests`: further full solves of the test; without them all full solves are used
     - `out`: folder in which the model file of the deck is looked for first
-    - raises InputError: a parameter or the deck is wrong for a reduced model
+    - raises InputError: a parameter or the deck is not suitable for a reduced model
     - raises ConvergenceError: too few full solves converged
     """
     begin = time.process_time()
@@ -128,7 +128,7 @@ def train(
     if values.get("galerkin", {}).get("essential") == "transformation" or "refine" in values:
         first = values["geometry"].get("source")
         given = [] if first is None else [override_text("geometry.source", first)]
-        # what the deck says itself, and not because nobody chose its points
+        # the choice of the deck itself, not a default for unspecified points
         said = load_deck(deck, [*overrides, *given], "solve")
         if said.get("galerkin", {}).get("essential") == "transformation":
             raise InputError(
@@ -136,7 +136,7 @@ def train(
                 f'displacements prescribed by the penalty; use "penalty"'
             )
         if "refine" in said:
-            # each of its states would be searched for points of its own
+            # otherwise each state would start its own search for points
             raise InputError(
                 f"{deck}: accuracy, [refine]: reduced models are trained on one set of points: "
                 "leave both out; without geometry.source the target is 2 %"
@@ -155,7 +155,7 @@ def train(
     with ExitStack() as opened:
         scene = opened.enter_context(full.open())
         if scene.points_found:
-            # all states are on the points that the deck's own one was found to need
+            # all states use the points that the search found necessary for the deck
             overrides = [*overrides, *scene.points_found]
             full = FullModel(full.text, overrides, cloud, threads)
             scene = opened.enter_context(full.open())
@@ -170,9 +170,9 @@ def train(
 
 
 def _ramps(values: Mapping[str, Any]) -> list[str]:
-    """Overrides that replace every amplitude of a deck by a straight line to its last value.
+    """Overrides that replace every amplitude of a deck by a linear ramp to its last value.
 
-    A state depends on the values at the end only, and the training goes to them in proportion.
+    A state depends on the final values only, and the training approaches them proportionally.
     """
     return [
         override_text(f"amplitude.{entry['name']}.{key}", value)
@@ -185,10 +185,10 @@ def _ramps(values: Mapping[str, Any]) -> list[str]:
 
 @dataclass
 class _Training:
-    """Full solves of a training, and the reduced model that they make."""
+    """Full solves of a training, and the reduced model built from them."""
 
     full: FullModel
-    scene: Scene  #: The deck as it is, of which the parts are taken
+    scene: Scene  #: The unchanged deck, from which the parts are taken
     setting: Setting
     #: As in `train`
     tolerance: float
@@ -210,7 +210,7 @@ class _Training:
         self.lifts = np.zeros((0, self.scene.dofs))
 
     def run(self, tests: int) -> None:
-        """Solve until the test is met or no solves are left."""
+        """Solve until the test is passed or no solves are left."""
         kinds = self.setting.parameters
         self.solve(_corners(kinds, self.full_solves, self.seed), RAY_STEPS)
         if self.snapshots is None:
@@ -222,7 +222,7 @@ class _Training:
         self.lifts = _lift_fields(
             self.full, self.setting, self.snapshots.values[at], self.snapshots.x[at], self.progress
         )
-        # states that fill the range, half of what is left, before the choice begins
+        # first, states that fill the range (half of the remaining ones), before the choice begins
         waiting = spread_points(kinds, max(1, self.left // 2), self.seed)
         while self.left > 0 and len(self.snapshots.x) >= 2:
             count = min(self.left, max(BATCH, self.full_solves // 4))
@@ -233,7 +233,7 @@ class _Training:
             else:
                 met = self.met(tests)
                 if met and any(p.kind == "sigma_max" for p in kinds):
-                    # modes that hold beyond the range cost a little inside
+                    # modes that also hold beyond the range cost some accuracy inside
                     self.draft = self.make_draft(final=True)
                     met = self.met(tests)
                 if met:
@@ -251,18 +251,18 @@ class _Training:
 
     @property
     def left(self) -> int:
-        """Full solves that may still be made."""
+        """Number of full solves that remain."""
         return self.full_solves - len(self.cpu) - len(self.started_cpu) - self.failed
 
     def make_draft(self, *, final: bool) -> Draft:
-        """The reduced model of the states so far; the last one knows what is beyond them."""
+        """The reduced model of the states so far; the last one includes states beyond the range."""
         assert self.snapshots is not None
         parts = self.scene, self.setting, self.snapshots, self.lifts
         beyond = states_beyond(*parts, self.seed) if final else None
         return make_draft(*parts, self.tolerance, beyond=beyond)
 
     def guess(self, values: F64) -> list[F64 | None]:
-        """Unknowns at which full solves begin."""
+        """Unknowns from which full solves start."""
         if self.draft is None:
             return [None] * len(values)
         found = self.draft.solve(self.setting, values)
@@ -271,7 +271,7 @@ class _Training:
         )
 
     def solve(self, values: F64, steps: int | None) -> None:
-        """Full states at values, those that are there already left out."""
+        """Full states at values; those already known are left out."""
         kinds = self.setting.parameters
         values = self.unknown(values)
         for row, start in zip(values, self.guess(values), strict=True):
@@ -288,7 +288,7 @@ class _Training:
             (self.started_cpu if state.started else self.cpu).append(state.cpu_s)
             self.marks = self.marks.added(row, state.mark)
             if state.mark == LOST:
-                # on which of several branches it lies is chance: no curve runs through such states
+                # its branch is arbitrary: no regression can be fitted through such states
                 self.progress(f"full solve at {self.named(row)}: an unstable state; left out")
                 continue
             self.snapshots = joined(self.snapshots, kinds, state, row)
@@ -341,12 +341,12 @@ class _Training:
         return max(u, wrong) <= self.tolerance
 
     def sound(self, values: F64) -> F64:
-        """Those of the values around which no state is lost, or all where there are no such."""
+        """Those of the values with no lost state nearby, or all if there are none."""
         good = self.marks.worst(values, widths_of(self.setting.parameters)) < LOST
         return values[good] if good.any() else values
 
     def choose(self, count: int) -> F64:
-        """Values at which the reduced model so far estimates its largest errors, apart."""
+        """Well separated values at which the current reduced model estimates its largest errors."""
         assert self.draft is not None
         kinds = self.setting.parameters
         number = CANDIDATES // 2 if len(self.setting.parts.weight) > LARGE else CANDIDATES
@@ -376,7 +376,7 @@ class _Training:
         good = answer.converged
         values, answer = values[good], Answer._make(a[good] for a in answer)
         force = self.draft.forces(self.setting, values, answer)
-        # cells need not be better than the modes
+        # cells need not be more accurate than the modes
         size = np.linalg.norm(answer.amplitudes, axis=1).max(initial=0.0)
         left = self.draft.estimate(self.setting, values, answer).max(initial=0.0) / size
         found: list[ReducedModel] = []
@@ -396,14 +396,14 @@ class _Training:
             failed, wrong, u = off[-1]
             if failed == 0 and wrong <= self.tolerance and u <= max(self.tolerance, left):
                 break
-        # more cells need not be better ones
+        # more cells are not always better
         best = found[off.index(min(off))]
         if self.tests is not None:
             best.set_certificate(measure(best, self.tests))
         return best
 
     def rom(self, arrays: dict[str, Any], head: dict[str, Any], begin: float) -> ReducedModel:
-        """A model of its arrays."""
+        """A model from its arrays."""
         head |= {
             "modes": int(arrays.pop("modes")),
             "indicator_modes": int(arrays.pop("indicator_modes")),
@@ -434,10 +434,10 @@ class _Training:
 def _lift_fields(
     full: FullModel, setting: Setting, rows: F64, states: F64, progress: ProgressCallback
 ) -> F64:
-    """How the body follows sets whose forces are wanted but which nothing moves.
+    """Response of the body to a displacement of fixed sets whose forces are wanted.
 
-    Without such fields among the modes the force on a set that stands still is not stationary: it
-    has the error of the displacement, not its square.
+    Without such fields among the modes the force on a fixed set is not stationary: its error is of
+    the order of the displacement error, not of its square.
     """
     size = max(float(np.abs(setting.columns.value).max()), 1.0)
     found = []
@@ -453,7 +453,7 @@ def _lift_fields(
 
 
 def _corners(kinds: Sequence[Parameter], most: int, seed: int) -> F64:
-    """Corners of the range, all or some, those of the largest values first."""
+    """Corners of the range, all or some, that of the largest values first."""
     corners = np.array(list(product(*((p.high, p.low) for p in kinds))))
     count = min(MOST_RAYS, max(2, most // 2))
     if len(corners) > count:
@@ -471,7 +471,7 @@ def finish(
     seed: int,
     progress: ProgressCallback,
 ) -> dict[str, Any]:
-    """Arrays of the model: modes, volume, few cells, trained at values beside the full states."""
+    """Arrays of the model: modes, volume, few cells, trained at values besides the full states."""
     basis, model, finer, known, amplitudes = draft
     m, r = basis.modes.shape[1], basis.r
     progress(f"{r} modes of {len(known.x)} states; they leave {basis.lost:.1e} of them")
@@ -492,8 +492,8 @@ def finish(
     lifts = force_lifts(model, setting, at, where[:, :r])
     whole = finer.cells
     if len(setting.parts.weight) > LARGE and len(setting.wanted):
-        # forces are asked for at the states of few cells, and others as far off; how
-        # the modes follow them is known by regression
+        # forces are evaluated at the states of few cells, and at others equally far off; the
+        # response of the modes is known by regression
         few = Solver(
             model._replace(cells=model.cells.sample(*kept[:2])), model.cells,
             np.zeros(0, np.int64), setting.threads,
@@ -543,7 +543,7 @@ def _by_others(setting: Setting, at: F64, lifts: F64, order: I64) -> F64:
 
 
 def _shapes(scene: Scene, modes: F64, r: int) -> dict[str, F64]:
-    """Displacements of modes at the collocation points and at the probes of displacements."""
+    """Displacements of modes at the collocation points and at displacement probes."""
     small = 1e-6 / np.abs(modes).max()
     fields = [scene.fields(small * mode, 0.0).u / small for mode in modes.T[:r]]
     found = {"shapes": np.stack(fields, axis=2), "points": scene.points()}

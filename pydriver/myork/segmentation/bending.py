@@ -1,8 +1,8 @@
-"""Bending a label map onto an image by the image it was drawn in: B-splines of SimpleITK.
+"""Deforming a label map onto an image by registration of images: B-splines of SimpleITK.
 
-An affine map, then B-splines whose mesh is halved twice raise the mutual information of the two
-images (Mattes), which may be of different sequences and shading. Every muscle follows the picture
-around it, where a similarity moves a limb as a whole.
+An affine map, then B-splines whose mesh is halved twice, increase the mutual information of the
+two images (Mattes), which may differ in sequence and shading. Every muscle follows the image
+around it, whereas a similarity moves a limb as a whole.
 
 References: Rueckert et al., IEEE Trans. Med. Imaging 18 (1999), doi:10.1109/42.796284; Mattes et
 al., IEEE Trans. Med. Imaging 22 (2003), doi:10.1109/TMI.2003.809072
@@ -18,27 +18,27 @@ from myork.errors import InputError, optional
 from myork.records import Image, Labels
 from myork.types import F64, Mask
 
-# Mesh of the last B-splines, a quarter of the first [mm]
+# Mesh size of the last B-splines, a quarter of the first [mm]
 _MESH = 30.0
-# Gaussians over both images for the affine map, and for B-splines from coarse to fine [mm]
+# Gaussian blur of both images for the affine map, and for B-splines from coarse to fine [mm]
 _FIRST_BLUR = 8.0
 _BLUR = (4.0, 2.0, 1.0)
-# Around the body, whose edge counts most [mm]
+# Margin around the body, whose edge matters most [mm]
 _RIM = 5.0
-# Voxels that are compared in each evaluation, about
+# Approximate number of voxels compared in each evaluation
 _SAMPLES = 20_000
 _BINS = 32
-# Slices of a stack; fewer do not show motion along it
+# Least number of slices of a stack; fewer do not show motion along it
 _FEWEST = 4
 
 
 def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> Labels:
-    """Bend labels onto an image.
+    """Deform labels onto an image.
 
-    - `labels`: on the grid of the image they were drawn in
+    - `labels`: on the grid of the image in which they were drawn
     - `drawn_in`: that image, of an earlier visit, on any grid near the image
-    - `image`: onto which they are bent
-    - `body`: its inside of the body, shape `(ni, nj, nk)`
+    - `image`: image onto which they are deformed
+    - `body`: its body mask, shape `(ni, nj, nk)`
     - returns labels on the grid of the image
     """
     itk = optional("SimpleITK", "seg", "image.reference_anatomy")
@@ -59,7 +59,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> La
     mask = _picture(itk, inside, place @ image.affine, axes, np.uint8)[around]
     moving = _picture(itk, drawn_in.data, place @ drawn_in.affine, axes, np.float32)
     threads = itk.ProcessObject.GetGlobalDefaultNumberOfThreads()
-    # sums of several threads differ from run to run
+    # sums over several threads differ from run to run
     itk.ProcessObject.SetGlobalDefaultNumberOfThreads(1)
     try:
         bend = _found(itk, fixed, moving, mask)
@@ -84,7 +84,7 @@ def bend_labels(labels: Labels, drawn_in: Image, image: Image, body: Mask) -> La
 
 
 def _found(itk: Any, fixed: Any, moving: Any, mask: Any) -> Any:
-    """Map from places of the image to those of the other one."""
+    """Map from positions in the image to those in the other one."""
     axes = fixed.GetDimension()
     whole = itk.AffineTransform(axes)
     middle = [0.5 * (count - 1) for count in fixed.GetSize()]
@@ -115,14 +115,14 @@ def _found(itk: Any, fixed: Any, moving: Any, mask: Any) -> Any:
 
 
 def _method(itk: Any, fixed: Any, mask: Any) -> Any:
-    """What both steps share: how images are compared."""
+    """Settings common to both steps: how images are compared."""
     way = itk.ImageRegistrationMethod()
     way.SetMetricAsMattesMutualInformation(_BINS)
     way.SetMetricFixedMask(mask)
     share = _SAMPLES / max(int(itk.GetArrayViewFromImage(mask).sum()), 1)
     if share < 1.0:
         way.SetMetricSamplingStrategy(way.REGULAR)
-        way.SetMetricSamplingPercentage(share, seed=1)  # places are moved a little at random
+        way.SetMetricSamplingPercentage(share, seed=1)  # positions are perturbed a little at random
     way.SetInterpolator(itk.sitkLinear)
     return way
 
@@ -140,7 +140,7 @@ def _picture(itk: Any, data: NDArray, affine: F64, axes: int, kind: type) -> Any
 
 
 def _around(body: Mask, spacing: F64, axes: int) -> tuple[slice, ...]:
-    """The part of the image that holds the body and its rim, in all slices."""
+    """The part of the image that contains the body and its margin, in all slices."""
     room = np.append(np.ceil(2.0 * _RIM / spacing[:2]).astype(int), body.shape[2])
     parts = zip(ndimage.find_objects(body.astype(np.int8))[0], room, body.shape, strict=True)
     return tuple(
@@ -150,14 +150,14 @@ def _around(body: Mask, spacing: F64, axes: int) -> tuple[slice, ...]:
 
 
 def _ball(spacing: F64) -> Mask:
-    """Voxels within the rim of one."""
+    """Voxels within the margin around a voxel."""
     reach = np.floor(_RIM / spacing).astype(int)
     places = np.indices((2 * reach + 1).tolist()).T - reach
     return (((places * spacing) ** 2).sum(axis=-1) <= _RIM**2).T
 
 
 def _check_flat(drawn_in: Image, place: F64) -> None:
-    """Refuse what is no slice parallel to the image's."""
+    """Refuse an image that is not a slice parallel to the other image's."""
     across = (place @ drawn_in.affine)[:3, :3]
     askew = np.abs(across[2, :2]).max() > 1e-2 * np.abs(across[:2, :2]).max()
     if drawn_in.data.shape[2] != 1 or askew:

@@ -12,13 +12,13 @@ from myork.records import Image
 from myork.segmentation.regions import otsu
 from myork.types import F64, Mask
 
-# The ratio of noises says little of how much regions differ: no channel counts more than this many
-# times as much as another one.
+# The noise ratio says little about how much regions differ, so no channel counts more than this
+# many times as much as another one.
 _WEIGHTS = 16.0
 
 
 def scaled_values(image: Image, region: Mask) -> F64:
-    """Grey values with the 1st and 99th percentile of a region at zero and one.
+    """Grey values with the 1st and 99th percentile of a region scaled to zero and one.
 
     - `image`: MR image, shape `(ni, nj, nk)`
     - `region`: voxels that count, same shape
@@ -51,9 +51,9 @@ def noise_level(values: F64, region: Mask) -> float:
 def local_means(values: F64, where: Mask, sigma: Sequence[float] | F64, far: float) -> F64:
     """Mean of the values of some voxels under a Gaussian around each place.
 
-    - `values`, `where`: shape `(ni, nj, nk)`; the voxels
+    - `values`, `where`: values and the mask of the voxels, shape `(ni, nj, nk)`
     - `sigma`: standard deviations [voxel]
-    - `far`: weight of the mean of all, which is left far from all of them [-]
+    - `far`: weight of the mean of all voxels, which remains far from all of them [-]
     """
     weight = ndimage.gaussian_filter(where.astype(float), sigma)
     total = ndimage.gaussian_filter(np.where(where, values, 0.0), sigma)
@@ -61,9 +61,9 @@ def local_means(values: F64, where: Mask, sigma: Sequence[float] | F64, far: flo
 
 
 def noise_weight(first: float, other: float) -> float:
-    """Weight of a channel against that of the first one, by the noise of both.
+    """Weight of a channel relative to the first one, by the noise of both.
 
-    - `first`, `other`: noise; where one is zero (a map of few values) the weight is 1
+    - `first`, `other`: noise; if one is zero (a map of few values), the weight is 1
     """
     if not (first > 0 and other > 0):
         return 1.0
@@ -71,18 +71,18 @@ def noise_weight(first: float, other: float) -> float:
 
 
 def noise_weights(first: F64, others: Sequence[F64], region: Mask) -> list[float]:
-    """Weights of channels against a first one by the noise of their values in a region."""
+    """Weights of channels relative to a first one by the noise of their values in a region."""
     noise = noise_level(first, region)
     return [noise_weight(noise, noise_level(one, region)) for one in others]
 
 
 def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
-    """Components of tensors under a Gaussian inside of a region.
+    """Components of tensors averaged under a Gaussian inside a region.
 
-    Sums, not logarithms: tensors of noisy images need not be positive, and only the direction is
-    used.
+    Components are averaged, not logarithms: tensors of noisy images need not be positive, and only
+    the direction is used.
 
-    - `tensor`: shape `(ni, nj, nk, 6)`; a tensor that is not finite does not count
+    - `tensor`: shape `(ni, nj, nk, 6)`; tensors that are not finite are ignored
     - `region`: voxels that count, shape `(ni, nj, nk)`
     - `sigma`: standard deviation [mm]
     """
@@ -96,13 +96,13 @@ def smoothed_tensor(tensor: Image, region: Mask, sigma: float) -> Image:
 def fiber_channels(tensor: Image, region: Mask, kind: str) -> F64:
     """Channels of the lead eigenvectors of diffusion tensors; v and -v are the same fiber.
 
-    Where water moves alike in all directions (fat, bone) the lead eigenvector is noise; so
+    Where water diffuses alike in all directions (fat, bone) the lead eigenvector is noise, so that
     channels fade with the difference of the largest and the smallest eigenvalue.
 
     - `tensor`: xx, yy, zz, xy, xz, yz, shape `(ni, nj, nk, 6)`; a tensor that is not finite counts
       as having no direction
     - `region`: voxels that count, shape `(ni, nj, nk)`
-    - `kind`: `dyad`: the six components of v v^T, those off the diagonal times the square root of
+    - `kind`: `dyad`: the six components of v v^T, off-diagonal ones times the square root of
       two, so that squared differences are 2 sin^2 of the angle; `aligned`: v turned to point up,
       (4.2)
     - returns shape `(ni, nj, nk, 6)` or `(ni, nj, nk, 3)` [-]

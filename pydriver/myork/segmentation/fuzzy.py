@@ -11,10 +11,10 @@ from myork.errors import InputError
 from myork.types import F64, Mask
 
 # Percentiles at which centres start, in pairs: where one cluster is small, a pair may end with it
-# in the other, and the pair with the least objective is kept.
+# merged into the other; the pair with the least objective is kept.
 _STARTS = (1.0, 50.0, 99.0)
 _ITERATIONS = 100
-_AT_REST = 1e-4  # part of the range of the values by which centres may still move
+_AT_REST = 1e-4  # remaining motion of the centres, relative to the range of the values
 
 
 def bright_cluster(values: F64, region: Mask) -> tuple[F64, F64]:

@@ -15,13 +15,13 @@ from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
-#: Name of the label of seeds that is no tissue
+#: Name of the seed label for voxels that belong to no tissue
 BACKGROUND = "background"
-# Its number while others are parted
+# Its number while the others are separated
 _LAST = np.iinfo(np.int32).max
-# Part of the region, like none of the seeds, that is more than vessels and walls between muscles
+# Part of the region, unlike all seeds, that is too large for vessels and walls between muscles
 _REST = 0.1
-# So many scatters off all seeds; the least scatter, of logarithms and of scaled values
+# Distance from all seeds in units of scatter; least scatter, of logarithms and of scaled values
 _UNLIKE, _LEAST_SCATTER = 5.0, 0.04
 
 
@@ -30,8 +30,8 @@ class Muscle:
     """Rule for a muscle."""
 
     name: str  #: Name of the label
-    #: World coordinates inside of it, shape `(nseed, 3)` [mm]: the connected pieces of regions that
-    #: hold one are taken
+    #: World coordinates inside it, shape `(nseed, 3)` [mm]; the connected components of regions
+    #: that contain one are taken
     seeds: F64
     #: Thickness of the band along the edge of the segmented region that belongs to it, for walks
     #: [mm]
@@ -52,7 +52,7 @@ def check_seeds(inside: Mask, image: Image, muscles: Sequence[Muscle]) -> None:
 def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tuple[I32, list[str]]:
     """Labels of muscles, 1 for the first one, by their rules.
 
-    A voxel that the rules give to several muscles goes to the one with the nearest seed.
+    A voxel that the rules assign to several muscles goes to the one with the nearest seed.
 
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
     - returns labels, shape `(ni, nj, nk)`, and warnings
@@ -76,10 +76,10 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
 
 
 def group_by_reference(region: I32, reference: Labels) -> Labels:
-    """Each connected piece of a region becomes the label that most of its voxels have.
+    """Assign to each connected component of a region the label that most of its voxels have.
 
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
-    - `reference`: label map on the same grid, for instance of a neighbour's or an atlas
+    - `reference`: label map on the same grid, for instance of a neighbouring slice or an atlas
     """
     found = np.zeros(region.shape, np.int32)
     known, place = np.unique(reference.data, return_inverse=True)
@@ -96,12 +96,12 @@ def group_by_reference(region: I32, reference: Labels) -> Labels:
 def rule_seeds(
     region: I32, image: Image, muscles: Sequence[Muscle], radius: float
 ) -> tuple[Mask, I32]:
-    """Voxels that the rules part among muscles, and those whose label they determine.
+    """Voxels that the rules divide among muscles, and those whose label they determine.
 
     - `region`: region of each voxel, -1 for none, shape `(ni, nj, nk)`
-    - `radius`: of the disc around a seed that belongs to its muscle, in the slice [mm]
-    - returns whether a voxel takes part, and its label, 1 for the first muscle, -1 where it is not
-      known; both of shape `(ni, nj, nk)`
+    - `radius`: radius of the in-slice disc around a seed that belongs to its muscle [mm]
+    - returns whether a voxel takes part, and its label, 1 for the first muscle, -1 where unknown;
+      both of shape `(ni, nj, nk)`
     """
     where = region >= 0
     known = np.full(region.shape, -1, np.int32)
@@ -124,12 +124,12 @@ def rule_seeds(
 
 
 def nearest_labels(where: Mask, known: I32, spacing: F64, margin: float) -> I32:
-    """Label of the nearest voxel that has one, shape `(ni, nj, nk)`.
+    """Label of the nearest labelled voxel, shape `(ni, nj, nk)`.
 
-    - `where`: voxels that get one, shape `(ni, nj, nk)`
-    - `known`: labels above zero where they are known, same shape
+    - `where`: voxels to be labelled, shape `(ni, nj, nk)`
+    - `known`: labels above zero where known, same shape
     - `spacing`: voxel sizes, shape `(3,)` [mm]
-    - `margin`: no label beyond this distance [mm]
+    - `margin`: distance beyond which no label is given [mm]
     """
     if not (known > 0).any():
         return np.zeros(known.shape, np.int32)
@@ -139,12 +139,12 @@ def nearest_labels(where: Mask, known: I32, spacing: F64, margin: float) -> I32:
 
 
 def _places(image: Image, muscle: Muscle) -> list[tuple[int, ...]]:
-    """Voxels in which the seeds of a muscle lie."""
+    """Voxels that contain the seeds of a muscle."""
     return [seed_voxel(image, seed, f"muscle.{muscle.name}: a seed") for seed in muscle.seeds]
 
 
 def _given_by(region: I32, image: Image, muscle: Muscle) -> Mask:
-    """Voxels that the rule of a muscle gives to it."""
+    """Voxels that the rule of a muscle assigns to it."""
     given = np.zeros(region.shape, bool)
     for place in _places(image, muscle):
         pieces, _ = ndimage.label(region == region[place])
@@ -159,7 +159,7 @@ def label_by_rules(
     muscles: Sequence[Muscle],
     others: F64 | None = None,
 ) -> tuple[Labels, list[str]]:
-    """Labels by [[muscle]], and warnings; walks see the image and other channels."""
+    """Labels by [[muscle]], and warnings; walks use the image and other channels."""
     names = {number: muscle.name for number, muscle in enumerate(muscles, start=1)}
     if table["split"] == "walk":
         where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
@@ -206,7 +206,7 @@ def label_by_seeds(
             f"{seeds.name}: seeds of at least two labels are needed in the region to segment, "
             f"there are {numbers}; everything that is not muscle needs a label too"
         )
-    # What hardly any walk leaves goes to the last label: lone voxels and thin walls are no muscle.
+    # Voxels that walks hardly leave get the last label: single voxels, thin walls are no muscle.
     for number in [number for number, name in names.items() if name == BACKGROUND]:
         known[known == number] = _LAST
         del names[number]
@@ -217,7 +217,7 @@ def label_by_seeds(
 
 
 def _unlike(heights: F64, where: Mask, known: I32) -> Mask:
-    """Voxels whose values none of the seeds has, patches of three pixels at least."""
+    """Voxels whose values differ from those of all seeds, in patches of at least three pixels."""
     unlike = where & (known < 0)
     for number in np.unique(known[known > 0]):
         own = heights[known == number]
@@ -228,7 +228,7 @@ def _unlike(heights: F64, where: Mask, known: I32) -> Mask:
 
 
 def label_by_phase(table: Mapping[str, Any], image: Image, grey: F64, result: Regions) -> Labels:
-    """The wanted one of two regions, or all of more regions, as labels."""
+    """The wanted one of two regions, or all of several regions, as labels."""
     if table["regions"] > 2:
         names = {number + 1: f"region_{number}" for number in range(table["regions"])}
         return Labels(result.region + 1, image.affine, names, "segmentation")

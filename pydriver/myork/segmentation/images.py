@@ -1,6 +1,6 @@
-"""From the images of a limb to labels: shading, regions, and who gets which region.
+"""From the images of a limb to labels: shading, regions, and assignment of regions to labels.
 
-What the user's tables say (`image`, `bias`, `muscle` of decks) is done on arrays, without files.
+The user's tables (`image`, `bias`, `muscle` of decks) are applied to arrays, without files.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,46 +35,46 @@ from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
 
-# Width of the Gaussian over the tensors before the fiber channels are taken [mm]
+# Width of the Gaussian applied to the tensors before the fiber channels are computed [mm]
 _SMOOTHING = 1.0
-# Weight of the misfit of fiber channels against that of the grey values
+# Weight of the misfit of fiber channels relative to that of the grey values
 _FIBER_WEIGHT = 5.0
-# What the blur of the threshold adds to the body [pixel]
+# Width that the blur before thresholding adds to the body [pixel]
 _SKIN = 1.0
-# Part of a label's seeds in the pixels that are taken off at the skin: they were meant
+# Part of a label's seeds in the pixels removed at the skin from which on they are intentional
 _AT_RIM = 0.1
 
 
 @dataclass(frozen=True)
 class Images:
-    """What a segmentation looks at, slices last; what is missing is None or empty."""
+    """Input images of a segmentation, slices last; missing ones are None or empty."""
 
-    anatomy: Image  #: MR image; with fat it is water
+    anatomy: Image  #: MR image; with fat it is the water image
     fat: Image | None = None  #: Fat of a Dixon sequence
     decay: Image | None = None  #: R2* of its water and fat [1/s]
     others: tuple[Image, ...] = ()  #: Further channels
-    #: Diffusion tensors, and as they were measured where that is another grid
+    #: Diffusion tensors, and the original ones if measured on another grid
     tensor: Image | None = None
     measured: Image | None = None
-    #: To score against; known labels from which walks start
+    #: Reference for scores; known labels from which walks start
     truth: Labels | None = None
     seeds: Labels | None = None
-    #: Labels that nearly fit, and the image that they were drawn in
+    #: Labels that nearly fit, and the image in which they were drawn
     reference: Labels | None = None
     drawn_in: Image | None = None
-    body: Mask | None = None  #: What the user calls body
-    region: Labels | None = None  #: What the user limits the segmentation to
-    source: str = "phantom"  #: Where the anatomy comes from
+    body: Mask | None = None  #: Body given by the user
+    region: Labels | None = None  #: Region to which the user limits the segmentation
+    source: str = "phantom"  #: Source of the anatomy
     doubt: str = ""  #: Why water and fat may be exchanged
 
     @property
     def channels(self) -> list[Image]:
-        """Images beside the anatomy."""
+        """Images in addition to the anatomy."""
         return [*([self.fat] if self.fat is not None else []), *self.others]
 
     @property
     def whole(self) -> Image:
-        """Image that shows the whole body: with fat the sum of both."""
+        """Image that shows the whole body: with fat, the sum of both."""
         if self.fat is None:
             return self.anatomy
         name = f"{self.anatomy.name} and {self.fat.name}"
@@ -82,13 +82,13 @@ class Images:
         return Image(data, self.anatomy.affine, name)
 
     def divided(self, field: F64) -> "Images":
-        """The same without the shading of anatomy and fat, (3.45)."""
+        """The same images, anatomy and fat divided by the shading, (3.45)."""
         even = [one and replace(one, data=one.data / field) for one in (self.anatomy, self.fat)]
         assert even[0] is not None
         return replace(self, anatomy=even[0], fat=even[1])
 
     def fraction(self) -> Image | None:
-        """Fraction of fat in the user's body, or in that of a threshold; None without fat."""
+        """Fraction of fat within the user's body, or that of a threshold; None without fat."""
         if self.fat is None:
             return None
         whole = self.whole
@@ -97,14 +97,14 @@ class Images:
         return Image(np.clip(part, 0.0, 1.0), whole.affine, "fraction of fat")
 
     def values(self, region: Mask, first: F64) -> tuple[list[F64], list[float]]:
-        """Channels scaled to the region and their weights against the first channel."""
+        """Channels scaled to the region and their weights relative to the first channel."""
         scaled = [scaled_values(one, region) for one in self.channels]
         return scaled, noise_weights(first, scaled, region)
 
     def heights(self, fraction: Image | None, region: Mask) -> F64 | None:
-        """What walks see beside the logarithm of the whole image, times roots of weights.
+        """Channels for walks in addition to the log of the whole image, times roots of weights.
 
-        The fraction of fat knows no shading; of other channels the scaled values count.
+        The fraction of fat is independent of shading; of other channels the scaled values are used.
         """
         scaled = [] if fraction is None else [fraction.data]
         scaled += [scaled_values(one, region) for one in self.others]
@@ -117,16 +117,16 @@ class Images:
 
 @dataclass(frozen=True)
 class Segmentation:
-    """What was found in images."""
+    """Result of a segmentation."""
 
     images: Images  #: Without shading
     body: Mask  #: Voxels of the body, shape `(ni, nj, nk)`
-    field: F64 | None  #: Shading that was taken out, same shape [-]
-    bias: dict[str, Any]  #: Method, range and rest of the shading
+    field: F64 | None  #: Shading that was removed, same shape [-]
+    bias: dict[str, Any]  #: Method, range and residual of the shading
     regions: Regions  #: Of the level sets
-    labels: Labels  #: Muscles, or what else is wanted
+    labels: Labels  #: Muscles, or other wanted labels
     values: F64  #: Anatomy and channels, scaled to the region, shape `(ni, nj, nk, nchannel)` [-]
-    weights: list[float]  #: Of the channels beside the anatomy [-]
+    weights: list[float]  #: Weights of the channels besides the anatomy [-]
     fraction: Image | None  #: Fraction of fat
     warnings: list[str]  #: Sentences
 
@@ -141,15 +141,15 @@ def segment_images(
 ) -> Segmentation:
     """Segment the images of a limb.
 
-    - `images`: what there is
+    - `images`: the available images
     - `table`: table `image` of decks
     - `bias`: method of the shading: `auto` or `none`
     - `muscles`: rules by which regions are grouped
     """
     body = images.body
     if body is None:
-        # Whatever the user calls region is kept whole: a threshold cuts off what the coil reaches
-        # badly, and its rim what lies under the skin.
+        # A region given by the user is kept whole: a threshold removes parts with weak coil signal,
+        # and its rim removes the parts under the skin.
         body = _body_of(images)
     shade, record = None, {"method": bias}
     if bias == "auto":
@@ -217,7 +217,7 @@ def segment_images(
 
 
 def _body_of(images: Images) -> Mask:
-    """The body by threshold, with its rim where seeds are drawn there, and the user's region."""
+    """The body by threshold, with its rim if seeds are drawn there, and the user's region."""
     body = body_mask(images.whole)
     if images.seeds is not None:
         whole = body_mask(images.whole, rim=_SKIN)
@@ -244,7 +244,7 @@ def _shading(image: Image, mask: Mask) -> tuple[F64, dict[str, Any]]:
 
 
 def _bent(images: Images, body: Mask, progress: ProgressCallback) -> tuple[Labels | None, str]:
-    """Reference on the anatomy, bent where the image it was drawn in is known; what was lost."""
+    """Reference on the anatomy, deformed if the image it was drawn in is known; lost labels."""
     drawn = images.reference
     if drawn is None or images.drawn_in is None:
         return drawn, ""
@@ -258,7 +258,7 @@ def _bent(images: Images, body: Mask, progress: ProgressCallback) -> tuple[Label
 
 
 def _fiber_channels(tensor: Image | None, region: Mask, kind: str) -> F64:
-    """Channels of the fibers; of none where the deck wants none."""
+    """Channels of the fibers; empty if the deck wants none."""
     if kind == "none":
         return np.zeros((*region.shape, 0))
     if tensor is None:

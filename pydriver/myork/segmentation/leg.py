@@ -1,9 +1,9 @@
-"""The materials of a limb from its images (thesis section 4.1.2).
+"""The tissues of a limb from its images (thesis section 4.1.2).
 
 Two-phase level sets find the skin, bone is marrow in a closed dark ring, fat and connective tissue
-start from fuzzy clusters of images of their own. Their borders are then drawn at a part of the
-difference to muscle around, in the combination of images that separates both best (Fisher). Of the
-rest voxels with a diffusion tensor are muscle. What this supposes is checked: `Tissues.doubts`.
+start from fuzzy clusters of separate images. Their borders are then drawn at a part of the
+difference to the surrounding muscle, in the combination of images that separates both best
+(Fisher). Remaining voxels with a diffusion tensor are muscle. Assumptions: see `Tissues.doubts`.
 """
 
 from collections.abc import Sequence
@@ -25,49 +25,49 @@ from myork.segmentation.regions import body_mask, large_pieces
 from myork.segmentation.scores import dice
 from myork.types import F64, Mask
 
-# Marrow in a slice [mm^2]: larger than a femoral head is fat in a ring of muscles. Cortex is as
-# thick as this at most [mm], and darker than the first of these parts of the median of dark tissue,
-# or than its scatter three times below, whichever is more;
-# darker than the second no voxel counts as muscle where its grey is looked for.
+# Area of marrow in a slice [mm^2]: larger than a femoral head, it is fat in a ring of muscles.
+# Cortex has at most this thickness [mm], and is darker than the first of these parts of the median
+# of dark tissue, or than three times its scatter below it, whichever is more; voxels darker than
+# the second part are not used to find the grey value of muscle.
 _MARROW = (15.0, 3000.0)
 _CORTEX = 6.0
 _COVERED = 0.6
 _CORTICAL, _DARK = 0.8, 0.5
-# Voxels that touch no other tissue are compared within this [mm]; so many of both must be there.
+# Voxels that touch no other tissue are compared within this [mm]; this many of both are needed.
 _AROUND = 15.0
 _LEAST_WHOLE = 20
 _ROUNDS = 5
-# Bounds of doubts: section of a limb [mm^2]; Dice of two methods; part of a tissue that touches no
-# other (of muscle half: a tenth of the rest on the wrong side then costs a Dice of 0.05); part of
+# Limits of doubts: section of a limb [mm^2]; Dice of two methods; part of a tissue that touches no
+# other (half for muscle: a tenth of the rest on the wrong side then costs a Dice of 0.05); part of
 # the body that a threshold finds beyond the level set's skin; part of the slices without a bone.
 _LIMB = 35000.0
 _ALIKE = 0.93
 _WHOLE = (0.36, 0.5)
 _RIM = 0.018
 _BONELESS = 0.1
-# The bright cluster of the special sequence is connective tissue only if it is so many times as
-# bright as the other: without any, the two would be muscle and fat.
+# The bright cluster of the special sequence is connective tissue only if it is brighter than the
+# other by this factor; without connective tissue, the two would be muscle and fat.
 _STANDS_OUT = 2.5
-# Connective tissue is what has this part of the full brightness over muscle. Dice is largest where
+# Connective tissue has at least this part of the full brightness above muscle. Dice is largest if
 # voxels count from half of it on (Lipton, Elkan, Naryanaswamy 2014), 0.7 to 0.9 for thin sheets.
-# Full are these per cent of the cluster; muscle that is darker than the last part is no measure.
+# Full is this percentile of the cluster; muscle darker than the last part is no reference.
 _PART = 0.4
 _FULL = 90
 _SEEN = 0.1
-# Skin, and pixels of fat and air mixed, are as grey as muscle, no deeper than this [mm].
+# Skin, and pixels of mixed fat and air, are as grey as muscle, down to this depth [mm].
 _SKIN = 3.0
-# Two phases of a slice. The choice is this method's own: a leg has no keys for it.
+# Two phases of a slice. The choice is fixed by this method: a leg has no keys for it.
 _PHASES = LevelSets(regions=2, start="otsu", mu=0.01, tolerance=1e-4)
 
 
 class Tissues(NamedTuple):
-    """Materials of a limb."""
+    """Tissues of a limb."""
 
     labels: Labels  #: As in `TISSUES`
-    #: Of voxels in `fat` and, where there is an image of it, in `connective_tissue`, 0 to 1, zero
-    #: in bone and outside of the body, shape `(ni, nj, nk)`
+    #: Memberships of voxels in `fat` and, with an image of it, in `connective_tissue`, 0 to 1, zero
+    #: in bone and outside the body, shape `(ni, nj, nk)`
     memberships: dict[str, F64]
-    doubts: list[str]  #: What the rules suppose and this image does not show
+    doubts: list[str]  #: Assumptions of the rules that this image does not support
 
 
 def leg_tissues(
@@ -80,14 +80,14 @@ def leg_tissues(
     body: Mask | None = None,
     least_diffusivity: float = 0.0,
 ) -> Tissues:
-    """Label every voxel of a limb with its material.
+    """Label every voxel of a limb with its tissue.
 
-    - `anatomy`: MR image, shape `(ni, nj, nk)`; the others lie on its grid
-    - `fat`, `connective`: images in which fat, or connective tissue, is bright; without the first
-      fat is bright in the anatomy, without the second no connective tissue is found
-    - `others`: further images in which fat and muscle differ, as other echoes
-    - `tensor`: diffusion tensors; without them all that is left is muscle but for the skin
-    - `body`: voxels to label, shape `(ni, nj, nk)`; without it those inside the skin
+    - `anatomy`: MR image, shape `(ni, nj, nk)`; the others are on its grid
+    - `fat`, `connective`: images in which fat, or connective tissue, is bright; without the first,
+      fat is bright in the anatomy; without the second, no connective tissue is found
+    - `others`: further images in which fat and muscle differ, such as other echoes
+    - `tensor`: diffusion tensors; without them everything left is muscle, except for the skin
+    - `body`: voxels to label, shape `(ni, nj, nk)`; by default those inside the skin
     - `least_diffusivity`: mean diffusivity of muscle, in the unit of the tensors
     """
     for other in (fat, connective, *others, tensor):
@@ -141,11 +141,11 @@ def leg_tissues(
 
 
 def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing: F64) -> Mask:
-    """Fat, whose border to muscle lies at half of their difference around each place."""
+    """Fat with its border to muscle placed at half of their difference around each place."""
     fat = fat & inner
     for _ in range(_ROUNDS):
         whole = [_whole(fat), _whole(inner & ~fat)]
-        # what has no signal is no muscle
+        # voxels without signal are not muscle
         whole[1] &= shown > _DARK * np.median(shown[inner & ~fat])
         if min(one.sum() for one in whole) < _LEAST_WHOLE:
             break
@@ -159,7 +159,7 @@ def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing
 
 
 def _shaded_apart(image: Image, soft: Mask, sheets: Mask, fat: Mask) -> Mask:
-    """Connective tissue by its signal over that of muscle around: shading is a factor of both."""
+    """Connective tissue by its signal relative to muscle nearby: shading is a factor of both."""
     muscle, data = _whole(soft & ~sheets & ~fat), image.data
     if min(muscle.sum(), sheets.sum()) < _LEAST_WHOLE:
         return sheets
@@ -171,7 +171,7 @@ def _shaded_apart(image: Image, soft: Mask, sheets: Mask, fat: Mask) -> Mask:
 
 
 def _best_part(shown: F64, more: Sequence[F64], fat: Mask, muscle: Mask) -> F64:
-    """Combination of images in which fat and muscle differ most by their scatter."""
+    """Combination of images in which fat and muscle differ most relative to their scatter."""
     if not more:
         return shown
     images = np.stack([shown, *more], axis=-1)
@@ -182,7 +182,7 @@ def _best_part(shown: F64, more: Sequence[F64], fat: Mask, muscle: Mask) -> F64:
 
 
 def _whole(tissue: Mask) -> Mask:
-    """Voxels that touch nothing else in their slice."""
+    """Voxels that touch no other tissue in their slice."""
     return np.asarray(ndimage.binary_erosion(tissue, np.ones((3, 3, 1))))
 
 
@@ -192,7 +192,7 @@ def _around(values: F64, where: Mask, spacing: F64) -> F64:
 
 
 def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask) -> list[str]:
-    """What the border of fat and muscle supposes and an image does not show."""
+    """Assumptions on the border of fat and muscle that an image does not support."""
     found, muscle = [], inner & ~fat
     size, name = shown.spacing, shown.name
     pieces, n = ndimage.label(body)
@@ -229,7 +229,7 @@ def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask) -> list[str]:
 
 
 def _beyond(anatomy: Image, body: Mask) -> list[str]:
-    """Whether a threshold finds a part of the body beyond the skin."""
+    """Warning where a threshold finds a part of the body beyond the skin."""
     rim = float((body_mask(anatomy, rim=1.0) & ~body).sum() / body.sum())
     if rim <= _RIM:
         return []
@@ -240,7 +240,7 @@ def _beyond(anatomy: Image, body: Mask) -> list[str]:
 
 
 def _boneless(anatomy: Image, body: Mask, bone: Mask) -> list[str]:
-    """Whether there are slices of a limb without a bone."""
+    """Warning where slices of a limb have no bone."""
     slices, without = body.any(axis=(0, 1)), body.any(axis=(0, 1)) & ~bone.any(axis=(0, 1))
     if without.sum() <= _BONELESS * slices.sum():
         return []
@@ -252,7 +252,7 @@ def _boneless(anatomy: Image, body: Mask, bone: Mask) -> list[str]:
 
 def outer_boundary(anatomy: Image) -> Mask:
     """Voxels inside the skin: the bright phase of the whole image with its holes filled."""
-    # in square roots muscle is nearer to fat than to air
+    # in square roots muscle is closer to fat than to air
     even = replace(anatomy, data=np.sqrt(np.maximum(anatomy.data, 0.0)))
     inside = _phase(even, np.ones(anatomy.data.shape, bool), "bright")
     slices = np.moveaxis(inside, -1, 0)
@@ -261,11 +261,11 @@ def outer_boundary(anatomy: Image) -> Mask:
 
 
 def find_bones(anatomy: Image, body: Mask, fat: Image | None = None) -> Mask:
-    """Bones: fatty marrow that a ring of very dark cortex closes off in every slice.
+    """Bones: fatty marrow enclosed by a ring of very dark cortex in every slice.
 
-    Level sets part fat and marrow from dark; cortex is darker than the dark phase scatters. Beside
-    an image of fat the anatomy may show fat as bright as muscle, or darker; a fraction of fat is
-    noise in cortex, but not its mean with the signal, the geometric one.
+    Level sets separate fat and marrow from dark tissue; cortex is darker than the dark phase
+    scatters. Beside an image of fat the anatomy may show fat as bright as muscle, or darker; a
+    fraction of fat is noise in cortex, but its geometric mean with the signal is not.
     """
     fatty = anatomy
     if fat is not None:
@@ -281,7 +281,7 @@ def find_bones(anatomy: Image, body: Mask, fat: Image | None = None) -> Mask:
     bone = np.zeros(body.shape, dtype=bool)
     for k in range(body.shape[2]):
         cortex = darkest[:, :, k]
-        # One pixel of cortex and fat mixed may look like muscle: the ring is closed over it.
+        # One pixel of mixed cortex and fat may look like muscle: the ring is closed over it.
         ring = (
             ndimage.binary_closing(np.pad(cortex, 2), np.ones((3, 3)))[2:-2, 2:-2] & body[:, :, k]
         )
@@ -295,9 +295,9 @@ def find_bones(anatomy: Image, body: Mask, fat: Image | None = None) -> Mask:
 
 
 def _wall(marrow: Mask, ring: Mask, pixel: F64) -> Mask:
-    """Cortex around marrow, shell by shell while most of a shell is dark.
+    """Cortex around marrow, shell by shell as long as most of a shell is dark.
 
-    Fascia that touches the bone is as dark, but covers little of a shell.
+    Fascia that touches the bone is equally dark, but covers little of a shell.
     """
     away = ndimage.distance_transform_edt(~marrow, sampling=pixel)
     shell = np.ceil(away / pixel.max()).astype(int)
@@ -311,13 +311,13 @@ def _wall(marrow: Mask, ring: Mask, pixel: F64) -> Mask:
 
 
 def _skin(body: Mask, pixel: F64) -> Mask:
-    """Band of the body along the air in every slice; where the picture ends there is no air."""
+    """Band of the body along the air in every slice; the border of the picture is not air."""
     return body & (_depth(body, pixel) <= _SKIN)
 
 
 def _depth(body: Mask, pixel: F64) -> F64:
-    """Distance to what is outside in every slice, infinite where nothing is [mm]."""
-    # SciPy's distances to nothing are those to a place outside of the array
+    """Distance to the outside in every slice, infinite without an outside [mm]."""
+    # with nothing outside, SciPy gives distances to a place outside the array
     return np.where(body.all(axis=(0, 1)), np.inf, depth_in_slices(body, pixel, cut=True))
 
 

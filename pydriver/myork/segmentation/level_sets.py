@@ -1,8 +1,8 @@
 """Regions of an image by active contours without edges: any number of regions and channels.
 
-n level sets make up to 2**n regions; bit k of a region's number is set where it lies inside of
-level set k. Regions from clusters or a threshold are in ascending order of the first channel at
-the start. The evolution itself is the compiled core's.
+n level sets make up to 2**n regions; bit k of a region's number is set where it lies inside level
+set k. Regions from clusters or a threshold are initially in ascending order of the first channel.
+The evolution itself is computed by the compiled core.
 
 References: Chan, Vese, IEEE Trans. Image Process. 10 (2001), doi:10.1109/83.902291; Vese, Chan,
 Int. J. Comput. Vis. 50 (2002), doi:10.1023/A:1020874308076
@@ -33,11 +33,11 @@ _NU, _EPSILON, _STEP = 0.0, 0.5, 500.0
 
 @dataclass(frozen=True)
 class LevelSets:
-    """What to segment with; decks have the defaults of what has none here."""
+    """Settings of a segmentation; values without a default here have it in decks."""
 
     regions: int  #: Number of regions, 2 to 64
     mu: float | Sequence[float]  #: Weight of the length of each contour, or one for all [-]
-    #: At rest, this part of the voxels changes its region in ten iterations at most
+    #: At rest, at most this part of the voxels changes its region in ten iterations
     tolerance: float
     #: `otsu` (threshold of the first channel, two regions) or `kmeans`, without a map to start from
     start: str = "kmeans"
@@ -45,7 +45,7 @@ class LevelSets:
 
     @classmethod
     def of_table(cls, table: Mapping[str, Any], **changes: Any) -> "LevelSets":
-        """What the `[image]` table of a deck says, with some fields changed."""
+        """Settings of the `[image]` table of a deck, with some fields changed."""
         own = {field.name: table[field.name] for field in fields(cls) if field.name in table}
         return cls(**own | changes)
 
@@ -54,11 +54,11 @@ class LevelSets:
 class Regions:
     """Result of a segmentation into regions."""
 
-    region: I32  #: Number of the region, -1 where the image takes no part, shape `(ni, nj, nk)`
+    region: I32  #: Number of the region, -1 for excluded voxels, shape `(ni, nj, nk)`
     iterations: I32  #: Iterations of each slice, shape `(nk,)`
     #: Energy (3.29) of all slices together after each iteration, shape `(iterations,)` [-]
     energy: F64
-    unrest: int  #: Slices whose regions still changed at the last iteration
+    unrest: int  #: Slices whose regions still changed in the last iteration
 
 
 def segment_regions(
@@ -71,12 +71,12 @@ def segment_regions(
     labels: I32 | None = None,
     name: str = "image",
 ) -> Regions:
-    """Part a region of an image into regions that are even in every channel.
+    """Divide a region of an image into regions that are uniform in every channel.
 
-    - `channels`: values of about the size of one, shape `(ni, nj, nk, nchannel)`; slices along the
+    - `channels`: values of order one, shape `(ni, nj, nk, nchannel)`; slices along the
       third axis [-]
     - `region`: voxels that take part, shape `(ni, nj, nk)`
-    - `choice`: what to segment with
+    - `choice`: settings
     - `spacing`: voxel sizes, shape `(3,)` [any length]
     - `channel_weights`: weight of each channel [-]; ones if absent
     - `labels`: map to start from, shape `(ni, nj, nk)`
@@ -150,7 +150,7 @@ def _first_level_sets(
     weights: F64,
     labels: I32 | None,
 ) -> F64:
-    """Level sets to start from."""
+    """Initial level sets."""
     if labels is not None:
         first = np.unique(labels, return_inverse=True)[1].reshape(labels.shape).astype(np.int32)
     elif choice.start == "otsu":

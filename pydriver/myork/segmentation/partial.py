@@ -21,28 +21,28 @@ from myork.records import Image, Labels
 from myork.segmentation.channels import local_means
 from myork.types import F64, I32, I64, Mask
 
-_AROUND = 6.0  # standard deviation of the averages that make means [mm]
-_FAR = 1e-2  # weight of all voxels of a label in the mean at a place
-_FEW = 20  # whole voxels that a label needs for a mean
-_PEAK = 90.0  # percentile that counts for a label without whole voxels, away from what is around
-_LEVEL = 0.01  # least noise over the range of the values
-_LEAST = 3.0  # distance of two means over the noise, below which a voxel is not divided
-_WHOLE = 0.5  # part of the voxels that are whole
-# Distance from the mean of their label over the noise of voxels inside that are mixed
+_AROUND = 6.0  # standard deviation of the Gaussian for local means [mm]
+_FAR = 1e-2  # weight of all voxels of a label in a local mean
+_FEW = 20  # number of whole voxels that a label needs for a mean
+_PEAK = 90.0  # percentile, away from the surroundings, that represents a label without whole voxels
+_LEVEL = 0.01  # least noise relative to the range of the values
+_LEAST = 3.0  # ratio of the distance of two means to the noise, below which a voxel is not divided
+_WHOLE = 0.5  # fraction of voxels that are whole
+# Distance from the mean of their label, relative to the noise, of inner voxels that are mixed
 _UNLIKE = 3.0
 
 
 def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequence[int] = ()) -> F64:
-    """Part of each voxel that each label fills.
+    """Fraction of each voxel that each label fills.
 
-    - `labels`: label map, shape `(ni, nj, nk)`. What has no label is below one; its different kinds
-      have numbers of their own.
+    - `labels`: label map, shape `(ni, nj, nk)`. Unlabelled voxels are below one; their different
+      kinds have separate numbers.
     - `channels`: grey values, shape `(ni, nj, nk, nchannel)`
     - `spacing`: voxel sizes, shape `(3,)` [mm]
-    - `unmixed`: numbers that share no voxel with others: what is not even, as bone, or beyond a
-      mask
-    - returns parts of the labels above zero in ascending order, 0 to 1, shape `(ni, nj, nk,
-      nlabel)` [-]; their sum is below 1 in voxels along what has no label
+    - `unmixed`: numbers that share no voxel with others: tissue that is not uniform, such as bone,
+      or the outside of a mask
+    - returns fractions of the labels above zero in ascending order, 0 to 1, shape `(ni, nj, nk,
+      nlabel)` [-]; their sum is below 1 in voxels along unlabelled ones
     """
     numbers = np.unique(labels)
     kind = np.searchsorted(numbers, labels)
@@ -89,11 +89,11 @@ def label_parts(labels: I32, channels: F64, spacing: ArrayLike, unmixed: Sequenc
 def parts_of_labels(
     labels: Labels, kinds: I32, channels: F64, unmixed: Sequence[int] = ()
 ) -> tuple[Image, dict[str, float]]:
-    """Parts of all labels, one volume each in ascending order, and the voxels that each fills.
+    """Fractions of all labels, one volume each in ascending order, and the voxels that each fills.
 
     - `labels`: shape `(ni, nj, nk)`
-    - `kinds`: numbers below one of what has no label, same shape
-    - `channels`, `unmixed`: as of `label_parts`
+    - `kinds`: numbers below one of unlabelled voxels, same shape
+    - `channels`, `unmixed`: as in `label_parts`
     """
     everything = np.where(labels.data > 0, labels.data, kinds)
     parts = label_parts(everything, channels, labels.spacing, unmixed)
@@ -102,7 +102,7 @@ def parts_of_labels(
 
 
 def _contacts(kind: I64, at: I64, count: int) -> I32:
-    """Voxels of each label among the 26 around places, shape `(nplace, nlabel)`."""
+    """Number of voxels of each label among the 26 around places, shape `(nplace, nlabel)`."""
     wide = np.pad(kind, 1, mode="edge")
     found = np.zeros((len(at), count), np.int32)
     rows = np.arange(len(at))
@@ -120,7 +120,7 @@ class _Means:
         self._labelled = labelled[kind]
         inside = self._labelled & ~border
         inside = inside if inside.any() else np.ones_like(inside)
-        # images without noise, and of one value
+        # images without noise, or with a single value
         least = _LEVEL * np.maximum(np.ptp(channels.reshape(-1, channels.shape[3]), axis=0), 1e-300)
         self._whole = ~border
         self._apart = np.zeros(channels.shape)
@@ -148,7 +148,7 @@ class _Means:
 
 
 def _peak(here: Mask, channels: F64) -> F64:
-    """Values of a label that is everywhere thinner than three voxels."""
+    """Values of a label that is thinner than three voxels everywhere."""
     around = ndimage.binary_dilation(here, iterations=2) & ~here
     result = []
     for c in range(channels.shape[3]):
@@ -159,10 +159,10 @@ def _peak(here: Mask, channels: F64) -> F64:
 
 
 def _expected(along: F64, length: F64) -> F64:
-    """Expected part of the other label.
+    """Expected fraction of the other label.
 
-    - `along`: distance from the own mean towards that of the other label over the noise [-]
-    - `length`: distance of both means over the noise [-]
+    - `along`: distance from the own mean towards that of the other label, relative to the noise [-]
+    - `length`: distance of both means, relative to the noise [-]
     """
     low, high = -along, length - along
     mixed = np.maximum(ndtr(high) - ndtr(low), 1e-12)

@@ -1,4 +1,4 @@
-"""Where to look: the body, boxes, grown label maps; and which piece of the result to keep."""
+"""Masks for a segmentation: the body, boxes, grown label maps; connected components to keep."""
 
 from collections.abc import Sequence
 
@@ -11,14 +11,14 @@ from myork.imaging.geometry import depth_in_slices
 from myork.records import Image, Labels
 from myork.types import Mask
 
-# Drop pieces of the body that are smaller than this part of the largest.
+# Drop connected components of the body smaller than this part of the largest.
 _LEAST_PIECE = 0.1
-# No bright spot of an image reaches this many times its 99th percentile.
+# Bright spots of an image stay below this many times its 99th percentile.
 _OUTLIER = 1e6
 
 
 def otsu(values: ArrayLike) -> float:
-    """Threshold that parts values into two classes with the largest variance between them.
+    """Threshold that separates values into two classes with the largest variance between them.
 
     Reference: Otsu, IEEE Trans. Syst. Man Cybern. 9 (1979), doi:10.1109/TSMC.1979.4310076
     """
@@ -32,14 +32,14 @@ def otsu(values: ArrayLike) -> float:
 
 
 def body_mask(image: Image, rim: float = 2.0) -> Mask:
-    """Inside of the body (both legs where there are two), without the skin.
+    """Inside of the body (both legs if there are two), without the skin.
 
-    Slice by slice, a third of Otsu's threshold parts the body from air even where muscle is much
-    darker than fat or the coil reaches badly; holes are filled. Air is zero, or the lowest value
-    where that is negative.
+    Slice by slice, a third of Otsu's threshold separates the body from air even where muscle is
+    much darker than fat or the coil signal is weak; holes are filled. Air is zero, or the lowest
+    value if that is negative.
 
     - `image`: MR image, shape `(ni, nj, nk)`
-    - `rim`: taken off at the skin, where pixels are a mixture of fat and air [pixel]
+    - `rim`: width removed at the skin, where pixels are a mixture of fat and air [pixel]
     """
     positive = image.data[image.data > 0]
     if not positive.size:
@@ -66,7 +66,7 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
 
 
 def large_pieces(mask: Mask, name: str) -> Mask:
-    """Connected pieces of a body, shape `(ni, nj, nk)`, not smaller than a tenth of the largest."""
+    """Connected components of a body, shape `(ni, nj, nk)`, from a tenth of the largest on."""
     pieces, n = ndimage.label(mask)
     if not n:
         raise InputError(f"{name}: no body found, the image has almost no contrast")
@@ -77,7 +77,7 @@ def large_pieces(mask: Mask, name: str) -> Mask:
 def box_mask(image: Image, box: Sequence[float]) -> Mask:
     """Voxels whose centres lie in a box of world coordinates.
 
-    - `box`: low and high x, y, z, shape `(6,)` [mm]
+    - `box`: lower and upper bounds of x, y, z, shape `(6,)` [mm]
     """
     low, high = np.reshape(np.asarray(box, float), (3, 2)).T
     if not (low < high).all():

@@ -29,10 +29,10 @@ def pearson(found: ArrayLike, truth: ArrayLike) -> float:
 def label_scores(
     found: ArrayLike, truth: ArrayLike, pairs: Mapping[str, tuple[int, Sequence[int]]]
 ) -> dict[str, dict[str, Any]]:
-    """Dice and Pearson's coefficient of labels, of all slices and of each.
+    """Dice and Pearson's coefficient of labels, over all slices and for each slice.
 
     - `found`, `truth`: label maps, shape `(ni, nj, nk)`; slices along the last axis
-    - `pairs`: name to the label found and the labels of the truth that it should be
+    - `pairs`: name to the label found and the labels of the truth to which it corresponds
     - returns name to `dice`, `pcc`, `dice_by_slice` and `pcc_by_slice`; not a number for a slice
       where both are empty
     """

@@ -1,9 +1,9 @@
-"""Bias field without a number of tissues, from several starts, the best of which is kept.
+"""Bias field without a given number of tissues; the best result of several starts is kept.
 
 The logarithm of the field is a sum of cosines over the body. It is fitted to the slopes of the
-image, most of which lie inside tissues, by a redescending fit, and pieces of the body that do not
-touch are aligned by their histograms. From such starts, and from no field, voxels are drawn to the
-next peak of the histogram of the corrected image (mean shift); the least entropy is kept.
+image, most of which lie inside tissues, by a redescending estimator, and separate components of the
+body are aligned by their histograms. From such starts, and from no field, voxels are moved to the
+nearest peak of the histogram of the corrected image (mean shift); the least entropy is kept.
 
 References
 ----------
@@ -23,37 +23,37 @@ from myork.imaging.geometry import neighbours
 from myork.segmentation.regions import otsu
 from myork.types import F64, I64, Mask
 
-# Lengths are parts of the width of a limb, so that a mouse is treated as a man is.
-_WAVE = 0.64  # shortest wave of the field
-_SLOPES = (0.64, 1.1)  # shortest waves of the fields that are fitted to slopes
-_STEP = 0.04  # over which slopes are taken
-_BEYOND = 0.15  # of the body's extent, by which the waves reach over it at each end
-_MOST = 250  # coefficients; waves grow longer where a body would need more
-_SAMPLE = 40_000  # voxels that a field is fitted to
-_FEWEST = 64  # voxels, of which less would be fitted than measured
-_STIFF = 1e-3  # weight of the field's bending against the data
-_DARKEST = 1e-3  # of the bright values: what logarithms are taken of at least
-_EDGE = 0.1  # relative change from pixel to pixel at which a voxel counts a quarter
-# Rounds of the fits; windows of the histogram from first to last [logarithm]
+# Lengths are relative to the width of a limb, so that a mouse is treated like a man.
+_WAVE = 0.64  # shortest wavelength of the field
+_SLOPES = (0.64, 1.1)  # shortest wavelengths of the fields that are fitted to slopes
+_STEP = 0.04  # distance over which slopes are taken
+_BEYOND = 0.15  # extension of the waves beyond the body at each end, relative to its extent
+_MOST = 250  # number of coefficients; a body that would need more gets longer waves
+_SAMPLE = 40_000  # number of voxels to which a field is fitted
+_FEWEST = 64  # number of voxels, below which a fit is unreliable
+_STIFF = 1e-3  # weight of the field's bending relative to the data
+_DARKEST = 1e-3  # lower limit of values before taking logarithms, relative to the bright ones
+_EDGE = 0.1  # relative change from pixel to pixel at which a voxel has a quarter of its weight
+# Rounds of the fits; window widths of the histogram from first to last [logarithm]
 _ROUNDS_SLOPES, _ROUNDS_CONVEX = 30, 12
 _ROUNDS_PEAKS = 60
 _WIDE, _NARROW = 0.12, 0.05
 _NEGATIVE = 0.01  # part of the body's voxels that ringing of a resampled image makes negative
 _SEAM = (3.0, 3.0, 0.0)  # width of the smoothing beyond the mask [pixel]
-_RISE = 1.1  # a field that raises the coefficient of joint variation by less is not doubted
-# That coefficient of one normal distribution cut in the middle: an image that has as much shows no
-# two tissues, and the coefficient says nothing of it.
+_RISE = 1.1  # a field that raises the coefficient of joint variation by less causes no doubt
+# That coefficient for one normal distribution cut in the middle: an image that reaches it shows no
+# two tissues, so that the coefficient is meaningless for it.
 _ONE_TISSUE = float(np.sqrt(0.5 * np.pi - 1.0))
 
 
 @dataclass(frozen=True)
 class Shading:
-    """Field, where it started and how sure it is."""
+    """Field, its start and its reliability."""
 
-    #: Factor on the true values, mean one inside the mask and going on beyond it, shape
+    #: Factor on the true values, mean one inside the mask and continued beyond it, shape
     #: `(ni, nj, nk)` [-]
     field: F64
-    start: str  #: `flat`, or the shortest wave of the slopes
+    start: str  #: `flat`, or the shortest wavelength of the slopes
     doubt: str  #: Why it may be wrong; empty without a doubt
 
 
@@ -104,9 +104,9 @@ def shading(values: F64, mask: Mask, *, spacing: ArrayLike) -> Shading:
 
 
 def joint_variation(values: F64, mask: Mask) -> float:
-    """Coefficient of joint variation: scatter of bright and of dark tissue over their difference.
+    """Coefficient of joint variation: scatter of bright and dark tissue over their difference.
 
-    Both are those of Otsu's threshold in the mask.
+    Both tissues are separated by Otsu's threshold in the mask.
 
     - `values`: image, shape `(ni, nj, nk)` [-]
     - `mask`: voxels of the body, same shape
@@ -120,11 +120,11 @@ def joint_variation(values: F64, mask: Mask) -> float:
 
 
 def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
-    """What to say where tissues scatter more without a field than with it, else empty.
+    """Warning where tissues scatter less without the field than with it, otherwise empty.
 
-    An image without two tissues is not doubted by it.
+    An image without two tissues causes no doubt.
 
-    - `values`, `mask`: as of `joint_variation`
+    - `values`, `mask`: as in `joint_variation`
     - `field`: factor on the true values, shape `(ni, nj, nk)` [-]
     """
     before, after = (joint_variation(one, mask) for one in (values, values / field))
@@ -137,11 +137,11 @@ def variation_doubt(values: F64, field: F64, mask: Mask) -> str:
 
 
 def _of_mean_one(field: F64, mask: Mask) -> F64:
-    """Field with the mean one inside a mask, going on beyond."""
+    """Field with mean one inside a mask, continued beyond it."""
     found = field / field[mask].mean()
     if mask.all():
         return found
-    # No data speaks beyond the mask: the field stays as it is at its rim, seams smoothed.
+    # There are no data beyond the mask: the rim values are continued, with smoothed seams.
     nearest = ndimage.distance_transform_edt(~mask, return_distances=False, return_indices=True)
     spread = found[tuple(nearest)]
     return np.where(mask, found, ndimage.gaussian_filter(spread, _SEAM, mode="nearest"))
@@ -194,7 +194,7 @@ class _Waves:
 def _fit_slopes(
     smooth: F64, mask: Mask, waves: _Waves, size: F64, step: float, random: np.random.Generator
 ) -> F64:
-    """Coefficients of the field whose slopes are those of most of the image."""
+    """Coefficients of the field whose slopes agree with those of most of the image."""
     logarithm = np.log(np.maximum(smooth, _DARKEST))
     voxels = np.argwhere(mask)
     parts, slopes, brightness = [], [], []
@@ -209,10 +209,10 @@ def _fit_slopes(
         slopes.append((logarithm[tuple(b.T)] - logarithm[tuple(a.T)]) / length)
         brightness.append(np.minimum(smooth[tuple(a.T)], smooth[tuple(b.T)]))
     if not sum(map(len, parts)):
-        return np.zeros(len(waves.order))  # no two voxels are so near to each other
+        return np.zeros(len(waves.order))  # no two voxels are that close
     rows = np.vstack(parts)
     slope = np.concatenate(slopes)
-    # Noise of a logarithm goes with one over the signal.
+    # The noise of a logarithm is inversely proportional to the signal.
     trust = np.clip(np.concatenate(brightness) / _typical(smooth, mask), 0.0, 1.0)
     stiff = np.diag(_STIFF * len(slope) * waves.bending * np.mean(rows**2))
     coefficient = np.zeros(rows.shape[1])
@@ -231,9 +231,9 @@ def _fit_slopes(
 
 
 def _aligned(smooth: F64, mask: Mask, slow: F64) -> F64:
-    """Logarithm of a field with the histograms of all pieces of the body laid upon the largest's.
+    """Log field that aligns histograms of all components of the body with that of the largest.
 
-    Slopes do not show how bright a piece is against another that it does not touch.
+    Slopes do not show the brightness of a component relative to another that it does not touch.
     """
     pieces, n = ndimage.label(mask)
     if n < 2:
@@ -256,14 +256,14 @@ def _aligned(smooth: F64, mask: Mask, slow: F64) -> F64:
 
 
 class _Peaks:
-    """Fields that draw the logarithms of voxels to the peaks of their histogram."""
+    """Fields that move the logarithms of voxels to the peaks of their histogram."""
 
     def __init__(self, smooth: F64, mask: Mask, voxels: I64, waves: _Waves, size: F64) -> None:
         self.mask, self.waves = mask, waves
         here = smooth[tuple(voxels.T)]
         self.logarithm = np.log(np.maximum(here, _DARKEST))
         self.trust = np.clip(here / _typical(smooth, mask), 0.0, 1.0)
-        # Values at borders are mixtures, which a peak on one side would draw the field to.
+        # Values at borders are mixtures, which would pull the field towards a peak on one side.
         self.trust /= (1.0 + (_slope(smooth)[tuple(voxels.T)] / _EDGE) ** 2) ** 2
         rows = waves.at(voxels)
         self.rows = np.column_stack([rows, np.ones(len(rows))])
@@ -271,7 +271,7 @@ class _Peaks:
         self.stiff = np.diag(np.append(stiff, 0.0))
 
     def field(self, start: F64) -> tuple[F64, float]:
-        """Field, and the entropy of what it leaves, from the logarithm of a first field."""
+        """Field and entropy of the corrected image, from the logarithm of an initial field."""
         coefficient = self._fit(start, np.ones(len(start)))
         for width in np.geomspace(_WIDE, _NARROW, _ROUNDS_PEAKS):
             corrected = self.logarithm - self.rows @ coefficient
@@ -281,7 +281,7 @@ class _Peaks:
             for _ in range(4):
                 peak = np.interp(peak, centre, mean)
             away = (corrected - peak) / (1.5 * width)
-            # The constant of the fit takes up that of the peaks.
+            # The constant of the fit absorbs that of the peaks.
             coefficient = self._fit(self.logarithm - peak, self.trust / (1.0 + away**2) ** 2)
         corrected = self.logarithm - self.rows @ coefficient
         centre, density, _ = self._histogram(corrected, _NARROW)
@@ -295,7 +295,7 @@ class _Peaks:
         return np.linalg.solve(self.rows.T @ weighted + self.stiff, weighted.T @ wanted)
 
     def _histogram(self, corrected: F64, width: float) -> tuple[F64, F64, F64]:
-        """Places, density and first moment under a Gaussian window."""
+        """Positions, density and first moment under a Gaussian window."""
         step = width / 6.0
         first = corrected.min() - 5.0 * width
         bins = ((corrected - first) / step).astype(int)
@@ -309,7 +309,7 @@ class _Peaks:
 
 
 def _smoothed(values: F64, mask: Mask) -> F64:
-    """Image under a narrow Gaussian in the slice, of voxels of the mask only."""
+    """Image smoothed in the slice by a narrow Gaussian, using voxels of the mask only."""
     share = ndimage.gaussian_filter(mask.astype(float), (0.8, 0.8, 0.0))
     total = ndimage.gaussian_filter(np.where(mask, values, 0.0), (0.8, 0.8, 0.0))
     return np.divide(total, share, out=np.zeros_like(total), where=mask)
@@ -323,13 +323,13 @@ def _slope(smooth: F64) -> F64:
 
 
 def _typical(smooth: F64, mask: Mask) -> float:
-    """Median of the values that are more than next to nothing."""
+    """Median of the values that are not close to zero."""
     inside = smooth[mask]
     return float(np.median(inside[inside > _DARKEST]))
 
 
 def _limb_width(mask: Mask, size: F64) -> float:
-    """Diameter of a disc with the area of the largest piece in a slice [mm]."""
+    """Diameter of a disc with the area of the largest component in a slice [mm]."""
     plane = np.zeros((3, 3, 3), dtype=bool)
     plane[:, 1, 1] = plane[1, :, 1] = True
     pieces, _ = ndimage.label(mask, plane)

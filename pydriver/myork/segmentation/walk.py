@@ -1,8 +1,8 @@
-"""Muscles of one grey value separated by random walks from seeds that avoid edges of the image.
+"""Muscles of equal grey value separated by random walks from seeds that avoid edges of the image.
 
 Steps across edges (fascia, the dark lines of chemical shift) are rare, so that borders close over
 gaps. Edges are steps of the logarithm of the grey value, which slow shading does not change, and
-its slope, which is there where an edge is blurred.
+its slope, which also shows blurred edges.
 
 References
 ----------
@@ -19,21 +19,21 @@ from myork.segmentation.channels import noise_level
 from myork.types import F64, I32, Index, Mask
 
 # Standard deviation of the derivative of a Gaussian that finds edges [pixel]: lines of one or two
-# pixels must not be lost.
+# pixels must be kept.
 _BLUR = 0.5
-# Grey values below this part of the median are noise, whose logarithm jumps.
+# Grey values below this part of the median are noise, whose logarithm fluctuates strongly.
 _FLOOR = 0.1
-# Part of the slopes beside the steps: it holds borders where an edge is blurred over pixels, and
-# more of it moves borders off the lines that mark them.
+# Weight of the slopes relative to the steps: they fix borders where an edge is blurred over pixels;
+# a larger weight moves borders off the lines that mark them.
 _SLOPE = 0.25
-# Steps count less and less beyond so many times the noise, so that thin walls whose steps partial
-# volume halves still stand out of it, within these bounds: walls as dark as that of bone would cut
-# off what is in them, and equations that hardly hang together are not solved to a label.
+# Steps are damped beyond this many times the noise, so that thin walls whose steps partial
+# volume halves still stand out, within these bounds: walls as dark as those of bone would isolate
+# their inside, and nearly decoupled equations are not solved accurately enough for a label.
 _STEEP = 10.0
 _STEEPEST = 0.5, 1.0
-# The least conductance keeps the system regular where an edge is very sharp.
+# The smallest conductance keeps the system regular where an edge is very sharp.
 _LEAST = 1e-6
-# Of the probabilities; who is most likely is known long before.
+# Tolerance of the probabilities; the most likely label is known long before.
 _TOLERANCE = 1e-3
 
 
@@ -60,7 +60,7 @@ def random_walk(heights: F64, where: Mask, seeds: I32, spacing: F64, shyness: fl
 
     - `heights`: see `heights_of`, shape `(ni, nj, nk, nchannel)` [-]
     - `where`: voxels that take part, shape `(ni, nj, nk)`
-    - `seeds`: labels that are known, -1 where they are not, same shape
+    - `seeds`: labels where known, otherwise -1, same shape
     - `spacing`: voxel sizes, shape `(3,)` [mm]
     - `shyness`: a step over the height d near a slope s is `exp(-shyness (d / (1 + d/n) + s/4))`
       times as likely, n being ten times the noise of the first channel, 0.5 to 1 [pixel]
@@ -81,7 +81,7 @@ def random_walk(heights: F64, where: Mask, seeds: I32, spacing: F64, shyness: fl
         coupling = laplacian[free][:, ~free]
         slices = np.nonzero(inside)[2][free]
         inverse = _slice_by_slice(system, slices)
-        # The last probability is what the others leave.
+        # The last probability is the complement of the others.
         likely = np.zeros((len(names), int(free.sum())))
         for number, name in enumerate(names[:-1]):
             right = -(coupling @ (known[~free] == name).astype(float))
@@ -98,7 +98,7 @@ def random_walk(heights: F64, where: Mask, seeds: I32, spacing: F64, shyness: fl
 
 
 def _slopes(heights: F64) -> F64:
-    """Slope of the heights in each slice, of all channels together [1/pixel]."""
+    """Slope of the heights in each slice, over all channels [1/pixel]."""
     slopes = [
         ndimage.gaussian_filter(height, (_BLUR, _BLUR, 0.0), order=order)
         for height in np.moveaxis(heights, 3, 0)
@@ -126,7 +126,7 @@ def _laplacian(heights: F64, inside: Mask, spacing: F64, shyness: float) -> spar
 
 
 def _slice_by_slice(system: sparse.csr_matrix, slices: Index) -> LinearOperator:
-    """Preconditioner: slices solved each for itself; steps between them are few and weak."""
+    """Preconditioner: each slice is solved separately; steps between slices are few and weak."""
     parts = [np.flatnonzero(slices == k) for k in np.unique(slices)]
     solvers = [splu(system[part][:, part].tocsc()) for part in parts]
 

@@ -1,6 +1,6 @@
-"""Station two: a label map and fibers to the points of a model, `model.h5`.
+"""Station two: from a label map and fibers to the points of a model, `model.h5`.
 
-Beside it `muscles.csv` is written: sizes, fat, diffusion and fibers of each muscle of the map.
+It also writes `muscles.csv`: sizes, fat, diffusion and fibers of each muscle of the map.
 """
 
 import hashlib
@@ -34,8 +34,8 @@ from myork.stations.station import station
 def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dict[str, Any]:
     """Build the model of a deck and write it to `model.h5`.
 
-    The tables `build` and `units` are read, and where the deck names no labels the label map and
-    fibers that `segment` left in the folder; beside labels without fibers the tensors of `image`.
+    The tables `build` and `units` are read. If the deck names no labels, the label map and fibers
+    that `segment` wrote to the folder are used; for labels without fibers, the tensors of `image`.
     """
     table = deck["build"]
     measured = [f"build.{key}" for key in ("fibers", "tracts") if key in table]
@@ -77,7 +77,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
 
 
 def _held(deck: Mapping[str, Any]) -> set[str | None]:
-    """Sides that conditions act on, None for any side."""
+    """Sides with boundary conditions, None for any side."""
     sides = {own["name"]: own.get("side") for own in deck.get("set", [])}
     return {sides.get(own["set"], own["set"]) for own in deck.get("boundary", [])} or {None}
 
@@ -94,7 +94,7 @@ def _check_sum(path: Path) -> str:
 
 
 def _made(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
-    """Files that `segment` left in the output folder, by the keys in whose place they stand."""
+    """Files that `segment` wrote to the output folder, by the keys that they replace."""
     names = {"labels": "segmentation", "fibers": "fibers", "fractions": "fractions"}
     if deck["tissue"]["find"]:
         names = {"labels": "tissue", "fibers": "tissue_fibers", "fractions": "tissue_fractions"}
@@ -108,7 +108,7 @@ def _made(deck: Mapping[str, Any], out: Path) -> dict[str, Path]:
 
 
 def _of_surface(files: DeckFiles) -> Body:
-    """Voxels in a closed surface, and fibers along tracts."""
+    """Voxels inside a closed surface, and fibers along tracts."""
     table = files.table
     unit = 1.0 / length_factor(table["surface_unit"], "build.surface_unit")
     surface, tracts = files.path("surface"), files.path("tracts")
@@ -122,7 +122,7 @@ def _of_surface(files: DeckFiles) -> Body:
 def _of_diffusion(
     deck: Mapping[str, Any], labels: Labels, grid: OneGrid, out: Path, progress: ProgressCallback
 ) -> Image | None:
-    """Fibers of the labels by the tensors of `image.dwi` or `image.tensor`; None without them."""
+    """Fibers of the labels from the tensors of `image.dwi` or `image.tensor`; None without them."""
     images = DeckFiles(deck, "image", grid)
     found = images.tensors()
     if found is None:
@@ -138,7 +138,7 @@ def _of_diffusion(
 
 
 def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body:
-    """Label map, fibers and parts of labels; a label without a name has that of its material."""
+    """Label map, fibers and fractions of labels; a label without a name takes its material's."""
     labels = files.labels("labels")
     assert labels is not None
     names = {own["label"]: own["name"] for own in materials if "label" in own}
@@ -148,7 +148,7 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
 
 
 def _cut(labels: Labels, materials: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Muscles that reach beyond the sides of the image."""
+    """Warnings about muscles that reach beyond the sides of the image."""
     muscles = [own for own in materials if own["model"] == "muscle"]
     numbers = {own["label"] for own in muscles if "label" in own} or {*labels.present}
     sides = {name: cut_sides(labels, n) for n, name in labels.present.items() if n in numbers}
@@ -161,12 +161,12 @@ def _cut(labels: Labels, materials: Sequence[Mapping[str, Any]]) -> list[str]:
 
 
 def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:
-    """Fibers that were measured, and maps that `segment` left in the folder."""
+    """Measured fibers, and maps that `segment` wrote to the folder."""
     found: dict[str, Image] = {}
     for name in ("fat_fraction", "anatomy", "fat", "fa", "md"):
         path = out / f"{name}.nii.gz"
         if path.is_file():
-            with suppress(InputError):  # those of another body
+            with suppress(InputError):  # maps of another body
                 found[name] = files.grid.of(read_image(path), body.labels)
     fraction, signal = found.get("fat_fraction"), None
     if fraction is not None and "anatomy" in found:
@@ -177,7 +177,7 @@ def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:
 def _muscles(
     body: Body, left_out: Collection[int], maps: Maps, unit: str, progress: ProgressCallback
 ) -> list[dict[str, Any]]:
-    """Rows of `muscles.csv`: name and numbers with their units, None where there is none."""
+    """Rows of `muscles.csv`: name and numbers with their units, None where missing."""
     factor, rows = length_factor(unit), []
     for own in muscle_numbers(body.labels, maps, left_out):
         if own.cut and maps.fibers is not None:

@@ -1,4 +1,4 @@
-"""Self-checks of a deck: what must hold whatever the answer is, measured on the deck itself."""
+"""Self-checks of a deck: properties that every solution must have, measured on the deck itself."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -15,11 +15,11 @@ from myork.errors import ConvergenceError, InputError
 from myork.files import write_json
 from myork.types import F64
 
-#: Central differences with a step of 1e-6 of the state keep this many digits
+#: Accuracy of central differences with a step of 1e-6 of the state
 _TANGENT = 1e-5
-#: Forces that balance do so to the iteration's tolerance
+#: Forces balance to the tolerance of the iteration
 _BALANCE = 1e-4
-#: Stretches and shears at which the curves of materials are looked at
+#: Stretches and shears at which the material curves are evaluated
 _STRETCHES = np.linspace(0.6, 1.6, 41)
 _SHEARS = np.linspace(0.0, 1.0, 41)
 
@@ -28,8 +28,8 @@ class Check(NamedTuple):
     """Outcome of one check."""
 
     name: str  #: What was checked
-    passed: bool | None  #: Whether it holds; None where the deck has nothing to check
-    detail: str  #: The number behind it, or why there is none
+    passed: bool | None  #: Whether it passed; None where the deck has nothing to check
+    detail: str  #: The number behind it, or the reason why there is none
 
 
 def check_deck(
@@ -43,9 +43,9 @@ def check_deck(
     """Check tangents, balance, restart, fibers and material curves of a deck.
 
     - `out`: folder of `check.json`, in which the model file is looked for first
-    - `quick`: leave out what solves the deck: balance and restart
-    - `progress`: called with a line a check
-    - returns what was found
+    - `quick`: leave out the checks that solve the deck: balance and restart
+    - `progress`: called with one line per check
+    - returns the outcomes
     """
     folder = None if out is None else Path(out)
     values = load_deck(deck, overrides, "solve")
@@ -77,7 +77,7 @@ def check_deck(
 
 
 def _tangent(scene: Scene) -> tuple[bool | None, str]:
-    """The linearised rows against differences of the residual, along a random direction."""
+    """Compare the linearised rows with differences of the residual, along a random direction."""
     if "linear" in scene.deck:
         return None, "a linear problem has no tangent to check"
     random = np.random.default_rng(0)
@@ -88,7 +88,7 @@ def _tangent(scene: Scene) -> tuple[bool | None, str]:
     step, left = 1e-3, ""
     displacements = scene.dimension * scene.source_points
     if scene.deck["scene"]["method"].startswith("rkpm") and scene.dofs > displacements:
-        # among the pressures are places without an unknown, whose rows are only filled
+        # some pressure entries have no unknown; their rows are only padding
         direction[displacements:] = 0.0
         left = "; along pressures of infinite K not checked: their rows are padded"
     try:
@@ -105,7 +105,7 @@ def _tangent(scene: Scene) -> tuple[bool | None, str]:
 
 
 def _curves(table: dict[str, Any]) -> tuple[bool | None, str]:
-    """Whether more stretch needs more stress, along and across, and more shear more of it."""
+    """Whether stress increases with stretch, along and across the fibers, and with shear."""
     material = Material.of_table(table)
     unstable = []
     for name, states in (
@@ -114,7 +114,7 @@ def _curves(table: dict[str, Any]) -> tuple[bool | None, str]:
     ):
         amounts = _STRETCHES if name == "stretch" else _SHEARS
         stored = energy(material, np.array(states), volumetric=False)
-        # in isochoric states the energy decides: its slope is the stress that is needed
+        # in isochoric states the energy decides: its slope is the stress
         slope = np.diff(stored) / np.diff(amounts)
         bad = np.flatnonzero(np.diff(slope) < -1e-9 * np.abs(slope).max())
         if len(bad):
@@ -161,14 +161,14 @@ def _balance(scene: Scene) -> tuple[bool | None, str]:
     detail = f"{states.verdict}; forces on all sets balance to {states.force_imbalance:.1e}"
     if states.reasons:
         detail += f"; {'; '.join(states.reasons)}"
-    # tractions and body forces are forces on the body as well: only fixed bodies balance by sets
+    # tractions and body forces also act on the body: only with fixed bodies do the sets balance
     return states.verdict != "refused" and states.force_imbalance < _BALANCE, detail
 
 
 def _restart(
     deck: str | Path, overrides: Sequence[str], out: Path | None, last: F64
 ) -> tuple[bool | None, str]:
-    """A solve that starts at the answer must stay there."""
+    """A solve that starts from the solution must stay there."""
     if "linear" in load_deck(deck, overrides, "solve"):
         return None, "a linear problem has one state"
     with Scene(deck, [*overrides, "load.steps=1"], out, threads=1) as scene:

@@ -1,4 +1,4 @@
-"""Files that a deck names: read onto one grid, looked for in a folder of one's own data."""
+"""Files named by a deck: read onto one grid, or looked for in a folder of the user's data."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -42,47 +42,47 @@ PATHS = (
     "tissue.connective",
 )
 
-#: Keys whose images a scanner has made: their slices are looked at one by one
+#: Keys whose images come from a scanner: their slices are checked for damage
 _MEASURED = ("anatomy", "channels", "magnitude")
 
 
 class OneGrid:
-    """Brings images and label maps onto the grid of a run; the log says what was moved.
+    """Brings images and label maps onto the grid of a run; the log reports what was moved.
 
     - `progress`: called with a line of text at a time
-    - `slices_last`: all images come with the axis along which their slices follow each other last,
-      as the segmentation has it; `stored` puts results back in the order of the first one's file
+    - `slices_last`: the slice axis of all images is moved to the last place, as the segmentation
+      needs it; `stored` restores the order of the first image's file
     """
 
     def __init__(self, progress: ProgressCallback, slices_last: bool = False) -> None:
         self._progress = progress
         self._slices_last = slices_last
-        self._axis: int | None = None  # of the slices in the first file
+        self._axis: int | None = None  # slice axis in the first file
         #: Entries `file`, `how` and `shift` [mm] of `summary.json`, see `myork.imaging.resampling`
         self.moved: list[dict[str, Any]] = []
         #: Entries `file`, `slices` and `why` of `summary.json`, see `myork.imaging.damage`
         self.damaged: list[dict[str, Any]] = []
-        self.doubts: list[str] = []  #: Warnings, which have been printed
+        self.doubts: list[str] = []  #: Warnings that have been printed
 
     def tell_strangers(self, image: Path, files: Iterable[Path]) -> None:
-        """Name the files that describe an image and have another name."""
+        """Report files that describe an image but have another name."""
         stem = image.name.removesuffix(".gz").removesuffix(".nii")
         if names := [file.name for file in files if file.stem != stem]:
             self._progress(f"{image.name}: described by {' and '.join(names)}")
 
     def doubt(self, text: str) -> None:
-        """Warn at once: what a file has wrong may be why something later on is refused."""
+        """Warn at once: a fault of a file may be the reason for a later refusal."""
         self.doubts.append(text)
         self._progress(f"warning: {text}")
 
     def note(self, name: str, faults: Sequence[Damage]) -> None:
-        """Warn of damaged slices of a file."""
+        """Warn about damaged slices of a file."""
         for fault in faults:
             self.damaged.append({"file": name, "slices": fault.slices, "why": fault.why})
             self.doubt(fault.said(name))
 
     def of(self, one: Grid, like: Image | Labels | None, way: str = "") -> Grid:
-        """An image on the grid of another one; as it is where there is none."""
+        """An image on the grid of another one; unchanged where there is none."""
         if self._slices_last:
             axis = slice_axis(one.spacing, one.data.shape[:3])
             self._axis = axis if self._axis is None else self._axis
@@ -98,21 +98,21 @@ class OneGrid:
         return one
 
     def stored(self, one: Grid) -> Grid:
-        """A result in the order of voxels of the first file."""
+        """A result in the voxel order of the first file."""
         return one if self._axis is None else with_axis_at(one, 2, self._axis)
 
     def renew(self, folder: Path, **images: Image | None) -> None:
-        """Write results as `renew_images` does, in the order of voxels of the first file."""
+        """Write results by `renew_images`, in the voxel order of the first file."""
         renew_images(folder, **{name: one and self.stored(one) for name, one in images.items()})
 
 
 class DeckFiles:
-    """Images and label maps that a table of a deck names, on the grid of a run.
+    """Images and label maps named by a table of a deck, on the grid of a run.
 
     - `deck`: effective deck; relative paths start in its folder
-    - `name`: of the table
+    - `name`: name of the table
     - `grid`: brings them onto one grid
-    - `made`: files of an earlier station, in place of keys that the deck does not name
+    - `made`: files of an earlier station, for keys that the deck does not give
     """
 
     def __init__(
@@ -129,7 +129,7 @@ class DeckFiles:
 
     @contextmanager
     def _naming(self, key: str) -> Iterator[None]:
-        """Put the key before what is wrong with its file."""
+        """Prefix errors of a file with its key."""
         try:
             yield
         except (FileError, InputError) as reason:
@@ -138,7 +138,7 @@ class DeckFiles:
             raise type(reason)(message) from reason
 
     def path(self, key: str) -> Path | None:
-        """Path of a key, which is then read; None where there is none."""
+        """Path of a key, recorded as read; None where there is none."""
         path = self.folder / self.table[key] if key in self.table else self._made.get(key)
         self.read += [] if path is None else [path]
         return path
@@ -148,7 +148,7 @@ class DeckFiles:
     ) -> Image | None:
         """Image of a key, on the grid of another one; None without the key.
 
-        - `values`: values per voxel, as of `read_image`
+        - `values`: values per voxel, as in `read_image`
         """
         path = self.path(key)
         if path is None:
@@ -157,7 +157,7 @@ class DeckFiles:
         return self.grid.of(self._image(key, path, values), like, way)
 
     def _image(self, key: str, path: Path, values: int | None = 1) -> Image:
-        """Image of a file, whose damaged slices are noted."""
+        """Image of a file, with a warning about damaged slices."""
         with self._naming(key):
             found = read_image(path, values, self.grid.doubt)
         if key in _MEASURED:
@@ -165,7 +165,7 @@ class DeckFiles:
         return found
 
     def images(self, key: str, like: Image | None = None, way: str = "linear") -> list[Image]:
-        """Images of a key that names several, on one grid: by default that of the first."""
+        """Images of a key with several files, on one grid: by default that of the first."""
         found: list[Image] = []
         for name in self.table[key]:
             image = self._image(key, self.folder / name)
@@ -190,7 +190,7 @@ class DeckFiles:
     ) -> Labels | None:
         """Label map of a key, on the grid of an image; None without the key.
 
-        - `progress`: with it a map without names takes those of its folder, see `read_reference`
+        - `progress`: if given, a map without names takes those of its folder, see `read_reference`
         """
         path = self.path(key)
         if path is None:
@@ -205,16 +205,16 @@ class DeckFiles:
             self.grid.note(found.name, missing_slices(found))
         found = self.grid.of(found, like)
         with self._naming(key):
-            if key != "labels" and not found.data.any():  # those of a model lie on their own grid
+            if key != "labels" and not found.data.any():  # labels of a model are on their own grid
                 raise InputError(f"{found.name}: the {key} is empty, no label is above zero")
         return found
 
 
 def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] = ()) -> list[str]:
-    """Overrides that say where the files of a deck lie.
+    """Overrides that give the location of the files of a deck.
 
-    A file that lies where the deck says is left there; a path with folders is taken from below
-    `data`, all others are looked for by their names in all folders below it.
+    A file found where the deck says is left there; a path with folders is looked for below
+    `data`, all others by their names in all folders below it.
 
     - `data`: folder
     - returns `"table.key=value"` each
@@ -246,7 +246,7 @@ def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] 
 
 
 def _place(deck: str | Path, key: str, wanted: Path, folder: Path) -> Path:
-    """The one file (or folder) of a name below a folder."""
+    """The single file (or folder) with a given name below a folder."""
     places = sorted(place.resolve() for place in folder.rglob(wanted.name))
     if not places:
         raise FileError(f"{deck}: there is no {wanted.name} ({key}) below {folder}")

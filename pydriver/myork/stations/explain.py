@@ -1,4 +1,4 @@
-"""What a deck will do and what that costs, before anything is computed."""
+"""Preview of a deck: what it will compute and the cost, before any computation."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -20,7 +20,7 @@ def explain_deck(
     overrides: Sequence[str] = (),
     progress: ProgressCallback = say,
 ) -> None:
-    """Say what a deck will model: images, sizes, memory and cost; refuse what does not fit.
+    """Describe what a deck will model: images, sizes, memory and cost; refuse what does not fit.
 
     - `out`: folder in which the model of the deck is looked for first
     - `progress`: called with every line of the explanation
@@ -30,7 +30,7 @@ def explain_deck(
     try:
         model_path(values, Path(values["folder"]), folder)
     except (FileError, KeyError):
-        # its points are not there yet, or not wanted
+        # its points do not exist yet, or are not wanted
         for line in _stations(values):
             progress(line)
         return
@@ -47,7 +47,7 @@ def explain_deck(
 
 
 def _states(deck: str | Path, values: Mapping[str, Any], overrides: Sequence[str]) -> list[str]:
-    """The time steps of a motion, and the states of which `myork rom` makes modes."""
+    """The time steps of a motion, and the states from which `myork rom` makes modes."""
     lines = []
     if "dynamics" in values:
         motion = values["dynamics"]
@@ -68,7 +68,7 @@ def _states(deck: str | Path, values: Mapping[str, Any], overrides: Sequence[str
 
 
 def stations_of(values: Mapping[str, Any]) -> list[str]:
-    """Commands that a deck needs before its report, in their order.
+    """Commands that a deck needs before its report, in order.
 
     - `values`: tables of the deck with defaults, from `load_deck`
     """
@@ -81,7 +81,7 @@ def stations_of(values: Mapping[str, Any]) -> list[str]:
 
 
 def _stations(values: Mapping[str, Any]) -> list[str]:
-    """What the stations before the solve will do."""
+    """Description of the stations before the solve."""
     build = values["build"]
     lines = [values["title"]]
     if "surface" in build:

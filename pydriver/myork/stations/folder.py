@@ -1,4 +1,4 @@
-"""A folder of images, a BIDS tree or DICOM files, in place of a deck: the deck that it makes."""
+"""Decks made from a folder of images, a BIDS tree or DICOM files."""
 
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -10,13 +10,13 @@ from myork.files import write_text
 from myork.imaging.dicom import dicom_files, listed_images
 from myork.imaging.headers import bids_name
 
-#: Suffixes of BIDS that are an anatomy, the best one first
+#: BIDS suffixes of anatomical images, the best one first
 _ANATOMY = ("T1w", "PDw", "T2w", "PDT2", "T2starw", "FLASH", "MEGRE")
 _ENDS = ("bottom", "top")
 
 
 class _Found(NamedTuple):
-    """Images of a folder by what they are, the best one first; echoes by their times."""
+    """Images of a folder by kind, the best one first; echoes in the order of their times."""
 
     anatomy: list[str]
     dwi: list[str]
@@ -28,11 +28,11 @@ class _Found(NamedTuple):
 
 
 def deck_of_folder(folder: Path, out: Path) -> tuple[Path, list[str]]:
-    """Write the deck that a folder of images makes.
+    """Write a deck for a folder of images.
 
     - `folder`: one subject (and visit) of a BIDS tree, or DICOM images
     - `out`: folder of the results
-    - returns the deck, in the folder of the results, and lines that say what became what
+    - returns the deck, in the folder of the results, and lines that report the use of each image
     """
     folder = folder.resolve()
     files = sorted(path for path in folder.rglob("*") if path.name.endswith((".nii", ".nii.gz")))
@@ -93,7 +93,7 @@ def _of_bids(folder: Path, files: list[Path]) -> _Found:
 
 
 def _echoes(files: list[Path]) -> tuple[list[str], list[str]]:
-    """Magnitudes and phases of the first run of several gradient echoes that has both, in order."""
+    """Magnitudes and phases of the first multi-echo run that has both, in order."""
     runs: dict[tuple[Path, str], dict[str, dict[int, str]]] = {}
     for path in files:
         entities, kind = bids_name(path)
@@ -142,7 +142,7 @@ def _of_dicom(folder: Path) -> _Found:
 
 
 def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
-    """Tables of the deck, and what became what."""
+    """Tables of the deck, and lines that report the use of each image."""
     image: dict[str, Any] = {}
     tables: dict[str, Any] = {"scene": {"dimension": 3}, "image": image}
     lines = []

@@ -1,4 +1,4 @@
-"""Commented decks to start from."""
+"""Commented example decks."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ from myork.files import INPUTS, write_text
 
 _FOLDER = Path(__file__).parents[1] / "templates"
 
-#: Kinds that are another deck but for some of its lines
+#: Kinds that equal another deck except for some of its lines
 _LIKE = {
     "leg": (
         INPUTS / "leg_section.toml",
@@ -28,7 +28,7 @@ def new_deck(kind: str, path: Path | None = None) -> Path:
     - `kind`: one of `KINDS`
     - `path`: file to write; default `KIND.toml` here
     - returns the file
-    - raises InputError: an unknown kind, or a file that is there already
+    - raises InputError: an unknown kind, or the file already exists
     """
     if kind not in KINDS:
         raise InputError(f"unknown kind of deck {kind!r}; choose one of {', '.join(KINDS)}")

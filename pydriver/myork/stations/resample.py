@@ -1,4 +1,4 @@
-"""An image file on the grid of another one, by what brings images of decks onto one grid."""
+"""Resample an image file onto the grid of another one, in the same way as images of decks."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +12,9 @@ from myork.imaging.resampling import WAYS
 from myork.stations.data import OneGrid
 from myork.types import F64
 
-# Whole numbers of more kinds are grey values.
+# Integers with more distinct values are grey values.
 _MOST_LABELS = 128
-# Masks under the header of an image are multiples of a small scale: this far off whole numbers.
+# Masks under an image header are multiples of a small scale, with this deviation from integers.
 _SCALED = 0.01
 
 
@@ -26,14 +26,14 @@ def resample(
     way: str | None = None,
     progress: ProgressCallback = silent,
 ) -> Path:
-    """Write an image on the grid of another one of the same world.
+    """Write an image on the grid of another one in the same world frame.
 
     - `image`: image of one or several volumes, or label map
     - `like`: image that gives the grid
-    - `output`: file that is written; the suffix tells the format
+    - `output`: file to write; the suffix gives the format
     - `way`: `nearest`, `linear` or `tensor-wise` (tensors, fibers), see `on_grid`; by default
-      `nearest` for labels, which are whole numbers of at most 128 kinds and none below zero, and
-      `linear` for all else, volume by volume
+      `nearest` for labels (whole numbers, not negative, of at most 128 values), and
+      `linear` for all others, volume by volume
     - returns the file
     """
     if way not in (None, *WAYS):
@@ -53,7 +53,7 @@ def resample(
 
 
 def _are_labels(image: Path, values: F64) -> bool:
-    """Whether values are whole numbers of few kinds, none below zero, perhaps but for a scale."""
+    """Whether values are non-negative integers with few distinct values, possibly scaled."""
     if values.shape[3] == 1 and np.abs(values - np.rint(values)).max() < _SCALED:
         try:
             values = read_labels(image).data.astype(float)

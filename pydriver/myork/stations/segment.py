@@ -1,10 +1,10 @@
-"""Station one: images to a label map and fibers.
+"""Station one: from images to a label map and fibers.
 
-What it leaves in the output folder: the image without shading (`anatomy`) and what was taken out
-(`bias`), `regions` (numbers plus one) and `segmentation`, of water and fat `fat`, `fat_fraction`
-and `r2star` [1/s], with tensors `fibers` (in the world frame), `fa`, `md` and `eigenvalues`, with
-`image.partial` `fractions`; of the phantom also its images and its truth. With `tissue.find` the
-same of materials: `tissue`, `tissue_fibers`, `tissue_fractions` and memberships in fuzzy clusters.
+It writes to the output folder: the image without shading (`anatomy`) and the removed shading
+(`bias`), `regions` (numbers plus one) and `segmentation`; with water and fat `fat`, `fat_fraction`
+and `r2star` [1/s]; with tensors `fibers` (in the world frame), `fa`, `md` and `eigenvalues`; with
+`image.partial` `fractions`; for the phantom also its images and its ground truth. `tissue.find`
+adds `tissue`, `tissue_fibers`, `tissue_fractions` and memberships in fuzzy clusters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -37,10 +37,10 @@ from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
 from myork.types import Mask
 
-# Kind of voxels without a label that take no part in the segmentation
+# Kind of unlabelled voxels that take no part in the segmentation
 _BEYOND = (0,)
 _MUSCLE = 1
-# Skin, between fat and air, is as grey as both mixed; bone is dark and bright.
+# Skin, between fat and air, is as grey as their mixture; bone is dark and bright.
 _UNMIXED = (0, 4)
 
 
@@ -68,7 +68,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
     if names := [name for name, one in maps.items() if one is not None]:
         record["maps"] = {name: f"{name}.nii.gz" for name in names}
     if images.source == "phantom":
-        del maps["fat"]  # it has a fat image of its own
+        del maps["fat"]  # the folder has a separate fat image
     maps |= dict.fromkeys(("fibers", "fa", "md", "eigenvalues"))
     if images.tensor is not None:
         progress("fibers from the diffusion tensors")
@@ -93,7 +93,7 @@ def segment(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> d
 def _record(
     deck: Mapping[str, Any], found: Segmentation, filled: Mapping[str, float]
 ) -> dict[str, Any]:
-    """Entry of the summary; `filled` as of `_volumes`."""
+    """Entry of the summary; `filled` as in `_volumes`."""
     table, images, labels = deck["image"], found.images, found.labels
     entries, warnings = _volumes(labels, deck, filled), list(found.warnings)
     by_phase = table["regions"] == 2 and images.reference is None and images.seeds is None
@@ -126,9 +126,9 @@ def _record(
 def _volumes(
     labels: Labels, deck: Mapping[str, Any], filled: Mapping[str, float]
 ) -> dict[str, dict[str, float]]:
-    """Voxels and volume of each label, in the deck's unit of length, cubed.
+    """Number of voxels and volume of each label, in the deck's unit of length, cubed.
 
-    - `filled`: voxels that parts of labels fill, where they were computed
+    - `filled`: voxels filled by fractions of labels, where computed
     """
     voxel = float(np.prod(labels.spacing * length_factor(deck["units"]["length"])))
     count = {name: int((labels.data == n).sum()) for n, name in labels.names.items()}
@@ -145,7 +145,7 @@ def _fibers(
     record: dict[str, Any],
     progress: ProgressCallback,
 ) -> Image:
-    """Fibers of the labels; the record gets what was seen of them."""
+    """Fibers of the labels; findings about them are added to the record."""
     labels, truth, warnings = found.labels, found.images.truth, record["warnings"]
     way = fibers_of_labels(tensor, labels, table.get("fiber_smoothing"), truth)
     if way.axes.remark:
@@ -157,7 +157,7 @@ def _fibers(
 
 
 def _fat_doubt(name: str, fat: float, phase: str) -> list[str]:
-    """What to say where the wanted phase of the water is fat and is not called so."""
+    """Warning where the wanted phase of the water image is fat but has another name."""
     if fat <= 0.5 or "fat" in name.lower():
         return []
     other = "bright" if phase == "dark" else "dark"
@@ -190,7 +190,7 @@ def _muscles(deck: Mapping[str, Any]) -> list[Muscle]:
 
 
 def _scores(labels: Labels, truth: Labels) -> dict[str, Any]:
-    """Scores of the labels that the truth has as well; of a single one against all it has."""
+    """Scores of the labels that the truth also has; a single label is compared with all of it."""
     by_name = {name: [number] for number, name in truth.present.items()}
     if len(labels.names) == 1:
         by_name.setdefault(next(iter(labels.names.values())), list(truth.present))
@@ -215,12 +215,12 @@ def _lines(record: Mapping[str, Any], deck: Mapping[str, Any]) -> list[str]:
 def find_tissues(
     deck: Mapping[str, Any], out: Path, segmented: Segmentation, grid: OneGrid
 ) -> dict[str, Any]:
-    """Label the materials of a leg and write them and the muscle's fibers.
+    """Label the tissues of a leg and write them and the muscle's fibers.
 
-    - `out`: folder of the results, in which the phantom's images lie where it is used
-    - `segmented`: images without shading; the fraction of fat stands in for `tissue.fat` where
+    - `out`: folder of the results, which has the phantom's images if it is used
+    - `segmented`: images without shading; the fraction of fat is used for `tissue.fat` if
       the deck names none
-    - returns voxels and volume of each material, and the Dice coefficients with the phantom's truth
+    - returns voxels and volume of each tissue, and the Dice coefficients with the phantom's truth
     """
     files, keys, images = DeckFiles(deck, "tissue", grid), deck["image"], segmented.images
     phantom = images.source == "phantom"
@@ -324,7 +324,7 @@ def read_images(
 
 
 def _checked_body(labels: Labels, region: Labels | None) -> Mask:
-    """The body that the user names, which contains the region; a voxel at its rim is taken in."""
+    """The user's body, which contains the region; a voxel at its rim is included."""
     body = labels.data > 0
     if region is None:
         return body
@@ -341,7 +341,7 @@ def _checked_body(labels: Labels, region: Labels | None) -> Mask:
 def _echoes(
     deck: Mapping[str, Any], beside: DeckFiles, progress: ProgressCallback
 ) -> Images | None:
-    """Water and fat of the echoes of `[dixon]`; None without them."""
+    """Water and fat from the echoes of `[dixon]`; None without them."""
     files = DeckFiles(deck, "dixon", beside.grid)
     if "magnitude" not in files.table:
         return None
@@ -353,7 +353,7 @@ def _echoes(
             )
     magnitudes = files.images("magnitude")
     first = magnitudes[0]
-    # a phase goes round: means of it are none
+    # a phase is cyclic: its mean is meaningless
     phases, mask = files.images("phase", first, "nearest"), beside.labels("body", first)
     if mask is not None:
         body = mask.data > 0
@@ -371,7 +371,7 @@ def _echoes(
 
 
 def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float], float]:
-    """Echo times [ms] and field [T] of the deck, else of the headers; none where both lack them."""
+    """Echo times [ms] and field [T] from the deck, else from headers; empty if both lack them."""
     table = files.table
     times, strength = table.get("echo_times", ()), table.get("field_strength", 0.0)
     if times and strength:

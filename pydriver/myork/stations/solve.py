@@ -1,7 +1,7 @@
-"""Run a deck through the executable `myork-solve`, in a process of its own.
+"""Run a deck through the executable `myork-solve`, in a separate process.
 
-A separate process loses nothing when the session that started it dies, and brings the system's
-HDF5 nowhere near the one inside h5py.
+A separate process loses no results when the session that started it dies, and keeps the system's
+HDF5 apart from the one inside h5py.
 """
 
 import os
@@ -32,9 +32,9 @@ from myork.files import alone_in, write_text
 from myork.summary import readable_summary, update_summary
 
 _NAME = "myork-solve"
-#: Exit status of a program that the loader of the system gives up
+#: Exit status of a program that the system's loader cannot start
 _DOES_NOT_LOAD = 127
-# A computed force further than this factor from the estimate is named.
+# A computed force that differs from the estimate by more than this factor gives a warning.
 _FACTOR = 3.0
 
 
@@ -74,19 +74,19 @@ def run_deck(
 ) -> dict[str, Any]:
     """Solve the full model of a deck.
 
-    Ctrl-C (and SIGTERM) is handed to the executable, which ends after the current iteration with
-    the last converged state written; a second one ends it at once.
+    Ctrl-C (and SIGTERM) is passed to the executable, which stops after the current iteration with
+    the last converged state written; a second one stops it at once.
 
-    - `deck`: deck file, or its tables as data: these are written to `deck.toml` in the folder
+    - `deck`: deck file, or its tables as data, which are written to `deck.toml` in the folder
     - `overrides`: overrides of the deck, `"table.key=value"`
-    - `verbosity`: -1 no progress, 0 a line a load step, 1 a line an iteration
+    - `verbosity`: -1 no progress, 0 one line per load step, 1 one line per iteration
     - `error`: compute a second solution, which gives the probes their error bars
     - `resume`: continue from the last complete load step of an earlier run of this deck in the
       folder. Without such a run it begins at rest.
-    - `start`: state at which the iteration begins instead of at rest: a result file, `"FILE"` for
-      its last step or `"FILE:STEP"`, of the same points and approximation
+    - `start`: state from which the iteration begins instead of the state at rest: a result file,
+      `"FILE"` for its last step or `"FILE:STEP"`, of the same points and approximation
     - returns content of `summary.json` in the folder
-    - raises ConvergenceError: the run ended without convergence; the last converged state is in
+    - raises ConvergenceError: the run stopped without convergence; the last converged state is in
       the folder
     - raises RefusedError: its own checks refuse the answer, which is in the folder with the
       reasons
@@ -112,7 +112,7 @@ def run_deck(
     try:
         run_executable(deck, [*options, *set_options(overrides)], progress)
     except ConvergenceError as ended:
-        # both are exit status 1
+        # both have exit status 1
         if readable_summary(Path(out)).get("converged"):
             raise RefusedError(str(ended)) from None
         raise
@@ -128,7 +128,7 @@ def run_deck(
 def _with_estimate(
     summary: dict[str, Any], out: Path, progress: ProgressCallback
 ) -> dict[str, Any]:
-    """The summary, also of the folder, with the force by the PCSA where it is known."""
+    """The summary, also written to the folder, with the force from the PCSA where known."""
     estimate = pcsa_force(summary)
     if estimate is None:
         return summary
@@ -150,13 +150,13 @@ def set_options(overrides: Sequence[str]) -> list[str]:
 
 
 def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressCallback) -> None:
-    """Run the executable, hand on its lines, turn its exit status into an exception."""
-    # The child ends with this process, whatever ends it.
+    """Run the executable, pass on its lines, convert its exit status to an exception."""
+    # The child ends with this process, however this process ends.
     environment = {"OMP_WAIT_POLICY": "passive", **os.environ, "MYORK_PARENT": str(os.getpid())}
     executable = find_executable()
     with tempfile.TemporaryFile() as complaints:
         try:
-            # A session of its own: Ctrl-C reaches the child once, from here, not twice.
+            # A separate session: Ctrl-C reaches the child once, from here, not twice.
             child = subprocess.Popen(
                 [executable, str(deck), *options],
                 stdin=subprocess.DEVNULL,
@@ -172,7 +172,7 @@ def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressC
         stopped = False
 
         def hand_over(count: int) -> None:
-            # not SIGINT: what a shell starts in the background inherits that it is ignored
+            # not SIGINT: a background process of a shell inherits that it is ignored
             child.kill() if count > 1 else child.send_signal(signal.SIGTERM)
 
         try:
@@ -192,7 +192,7 @@ def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressC
 
 
 def _check_status(status: int, message: str, stopped: bool, progress: ProgressCallback) -> None:
-    """Turn an exit status into an exception; warnings of a good run are progress."""
+    """Convert an exit status to an exception; warnings of a good run are passed to progress."""
     if status == 0:
         if message:
             progress(message)
@@ -212,15 +212,15 @@ def _check_status(status: int, message: str, stopped: bool, progress: ProgressCa
 
 
 def pcsa_force(summary: Mapping[str, Any]) -> tuple[dict[str, Any], str] | None:
-    """Activation times PCSA times `sigma_max`, summed over the muscles of a model, at the end.
+    """Final activation times PCSA times `sigma_max`, summed over the muscles of a model.
 
-    It is the force of fibers at their optimal length without the passive one.
+    It is the force of fibers at their optimal length, without the passive force.
 
     - `summary`: content of `summary.json` after a solve
     - returns entry `pcsa_force` of the summary: `value` in the deck's unit of force, the `probe` of
-      the largest force on a set and the `ratio` of both; a warning where they are three times
-      apart, else no text. None without activation, one muscle material, PCSA of all active muscles,
-      or a probe of a force.
+      the largest force on a set and the `ratio` of both; a warning where they differ by a factor of
+      three, otherwise an empty text. None without activation, without a single muscle material,
+      without the PCSA of all active muscles, or without a force probe.
     """
     deck, steps = summary.get("deck", {}), summary.get("steps") or [{}]
     materials = [own for own in deck.get("material", []) if own.get("model") == "muscle"]

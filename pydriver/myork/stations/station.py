@@ -1,4 +1,4 @@
-"""What stations before a solve share: a deck comes in, files and parts of the summary go out."""
+"""Common part of the stations before a solve: deck in, files and parts of the summary out."""
 
 import inspect
 import re
@@ -18,10 +18,10 @@ Work = Callable[[Mapping[str, Any], Path, ProgressCallback], dict[str, Any]]
 
 
 def station(command: str, *parts: str) -> Callable[[Work], Callable[..., dict[str, Any]]]:
-    """Make a station of its work.
+    """Make a station from its work.
 
-    - `command`: command that the deck is read for
-    - `parts`: entries of `summary.json` that the work makes; the head of the summary is added
+    - `command`: command for which the deck is read
+    - `parts`: entries of `summary.json` made by the work; the head of the summary is added
     """
 
     def made(work: Work) -> Callable[..., dict[str, Any]]:
@@ -70,7 +70,7 @@ def station(command: str, *parts: str) -> Callable[[Work], Callable[..., dict[st
 
 
 def _placed(message: str, deck: Mapping[str, Any]) -> str:
-    """Message with the line of the deck before it that has the first key it names.
+    """Message preceded by the line of the deck with the first key that it names.
 
     - `deck`: effective deck; keys of `--set` and of data have no line
     """
@@ -78,8 +78,8 @@ def _placed(message: str, deck: Mapping[str, Any]) -> str:
     if not path.is_file():
         return message
     lines = path.read_text(encoding="utf-8").splitlines()
-    # a file may be called like a key: then its folder or its ending stands beside it, or the deck
-    # has its name as a value
+    # a file may be named like a key: then its folder or suffix stands beside it, or the deck has
+    # its name as a value
     for key in re.finditer(r"(?<![\w/\\.-])([a-z]+)\.([a-z_]+)\b(?![/\\.-]\w)", message):
         quoted = re.compile(rf"""["'/\\]{re.escape(key[0])}["']""")
         if not isinstance(deck.get(key[1]), Mapping) or any(map(quoted.search, lines)):

@@ -1,4 +1,4 @@
-"""Many answers of one deck: points of its keys, solved side by side, in one table."""
+"""Parameter sweeps of a deck: points of its keys, solved side by side, in one table."""
 
 from myork.sweeps.run import sweep
 

@@ -17,9 +17,9 @@ from myork.rom.probes import probe_columns
 
 _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... or KEY=lhs(LOW,HIGH)"
 
-#: More points are a slip of the pen
+#: More points are considered a mistake
 _MOST = 1_000_000
-#: Columns of a table behind keys, probes and error bars
+#: Columns of a table after keys, probes and error bars
 LAST_COLUMNS = ("verdict", "message", "cpu_s")
 
 
@@ -32,7 +32,7 @@ class Plan(NamedTuple):
     overrides: tuple[str, ...] = ()  #: Overrides of the deck for all points
 
     def settings(self, point: tuple[Any, ...]) -> list[str]:
-        """Overrides that make a point of the deck, without those for all."""
+        """Overrides for a point, without those for all points."""
         return [f"{key}={value}" for key, value in zip(self.keys, point, strict=True)]
 
     def items(self, number: int) -> list[str]:
@@ -50,7 +50,7 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
     - `vary`: `KEY=LOW:HIGH:N` for a grid, `KEY=a,b,c` for a list, `KEY=lhs(LOW,HIGH)` for
       samples
     - `samples`: number of samples
-    - raises InputError: a wrong form, a key twice, too many points
+    - raises InputError: a wrong form, a repeated key, too many points
     """
     if not vary:
         raise InputError(f"a sweep needs a key to vary: {_FORMS}")
@@ -70,7 +70,7 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
         elif ":" in text:
             grids[key] = grid_in(item)[1].tolist()
         else:
-            # a vector keeps its commas
+            # commas within a vector are kept
             grids[key] = [_value(word) for word in re.split(r",(?![^\[]*\])", text)]
             if "" in grids[key]:
                 raise InputError(f"--vary {item}: a value is missing between two commas")
@@ -84,7 +84,7 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
 
 
 def _value(text: str) -> Any:
-    """A number where it is one, else the word."""
+    """The text as a number if it is one, otherwise unchanged."""
     word = text.strip()
     for kind in (int, float):
         try:
@@ -109,17 +109,17 @@ def _samples(
 def identity(
     plan: Plan, out: Path, model: Path | None = None, model_probes: Sequence[str] = ()
 ) -> dict[str, Any]:
-    """What a sweep is of: two of the same contents are the same, wherever the files are.
+    """Identity of a sweep: sweeps with equal contents are equal, wherever their files are.
 
     - `plan`: points and their deck
     - `out`: folder of the sweep, in which the model file of the deck is looked for first
-    - `model`, `model_probes`: reduced model that answers, and names of the probes that it knows
-    - returns digests of the files by what they are (`inputs`), overrides, keys and points
-    - raises InputError: two columns of the table would have one name
+    - `model`, `model_probes`: reduced model used, and names of the probes that it knows
+    - returns digests of the files by kind (`inputs`), overrides, keys and points
+    - raises InputError: two columns of the table would have the same name
     - raises FileError: a file cannot be read
     """
     paths = {"deck": plan.deck} | ({} if model is None else {"--model": model})
-    # what is read and found depends on words and whole numbers: files, methods, names
+    # the files that are read depend on words and integers: files, methods, names
     chosen = {
         tuple(value for value in point if not isinstance(value, float)): number
         for number, point in reversed(list(enumerate(plan.points)))
@@ -128,7 +128,7 @@ def identity(
         try:
             one = plan.tables(number)
         except MyorkError:
-            # words that do not go together: these points fail with the message
+            # incompatible words: these points fail with the message
             continue
         probes = one["probe"]
         if model is None:
@@ -146,7 +146,7 @@ def identity(
 
 
 def refusal(head: Mapping[str, Any], other: Any, path: Path) -> str:
-    """Why the points in a file are not of a sweep, by the identities of both; "" where they are."""
+    """Why the points in a file are of another sweep, by both identities; "" if they are not."""
     if other == head:
         return ""
     anew = f"or sweep into another folder than {path.parent}"
@@ -165,7 +165,7 @@ def refusal(head: Mapping[str, Any], other: Any, path: Path) -> str:
 def _check_columns(
     keys: Sequence[str], probes: Sequence[Mapping[str, Any]], dimension: int, deck: Path
 ) -> None:
-    """Refuse columns of the probes that another column of the table overwrites."""
+    """Refuse probes whose columns another column of the table would overwrite."""
     taken = {key: f"the varied key {key}" for key in keys}
     taken |= dict.fromkeys(LAST_COLUMNS, "every sweep")
     for probe in probes:

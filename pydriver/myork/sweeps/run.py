@@ -1,4 +1,4 @@
-"""Solve the points of a sweep side by side: processes of this machine, or workers of Dask."""
+"""Solve the points of a sweep in parallel: processes on this machine, or workers of Dask."""
 
 import logging
 import multiprocessing
@@ -35,16 +35,16 @@ from myork.sweeps.plan import Plan, identity, make_plan
 from myork.sweeps.store import Store, has_parquet, read_points
 from myork.types import F64
 
-#: Threads of the libraries in a worker: one point a core
+#: Threads of the libraries in a worker: one point per core
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-#: What may have ended the process of a point
+#: Possible reasons for the end of a point's process
 _DIED = (
     "the process of this point died (out of memory, or a script that calls a sweep outside "
     "`if __name__ == '__main__':`)"
 )
-#: Points that a dry run shows
+#: Number of points that a dry run shows
 _SHOWN = 5
-#: How `myork explain` prints the time of a solve with its error bars
+#: Format in which `myork explain` prints the time of a solve with its error bars
 _TIME = r"about ([\d.eE+-]+) CPU s"
 
 
@@ -64,21 +64,21 @@ def sweep(
 ) -> Path:
     """Solve a deck at many values of its keys.
 
-    Every point is on the disk when it is done; a second call with the same sweep in the same folder
-    goes on where the first ended. A point that fails keeps its message and ends nothing.
+    Every finished point is on disk; a second call with the same sweep in the same folder continues
+    where the first ended. A point that fails keeps its message and does not stop the sweep.
 
     - `deck`: deck file
     - `vary`: `KEY=LOW:HIGH:N`, `KEY=a,b,c` or `KEY=lhs(LOW,HIGH)` each; KEY is any key of the
       deck
     - `out`: folder of `sweep.csv`, `sweep.parquet` and `points.jsonl`
     - `samples`: number of samples of sampled keys
-    - `workers`: processes; default all cores
-    - `dask`: address of a scheduler of Dask, or "local" for one of its clusters on this machine
-    - `model`: reduced model (`.rom.h5`) that answers in place of the full one
+    - `workers`: number of processes; default all cores
+    - `dask`: address of a Dask scheduler, or "local" for a Dask cluster on this machine
+    - `model`: reduced model (`.rom.h5`) used in place of the full one
     - `overrides`: overrides of the deck for all points
-    - `dry_run`: only say what would be solved, and what it costs
+    - `dry_run`: only report what would be solved, and its cost
     - returns the table `sweep.csv`
-    - raises InputError: the deck, a key or the plan is wrong, or the folder holds another sweep
+    - raises InputError: the deck, a key or the plan is wrong, or the folder has another sweep
     """
     plan = make_plan(vary, samples, seed)._replace(deck=Path(deck), overrides=tuple(overrides))
     out = Path(out)
@@ -126,7 +126,7 @@ def sweep(
                 with _workers(dask, min(workers, len(left))) as team:
                     _full(plan, left, out, team, store, progress)
         finally:
-            # a run that found nothing leaves nothing
+            # a run without results leaves nothing
             if store.rows or not left:
                 table = store.write_table(plan.keys, plan.points)
     counts: dict[str, int] = {}
@@ -144,7 +144,7 @@ def sweep(
 
 
 def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
-    """What all points cost: by those that are finished, else by the counts of the middle one."""
+    """Cost of all points: from finished ones, otherwise from the counts of the middle one."""
     count = len(plan.points)
     times = [row["cpu_s"] for row in read_points(out / "points.jsonl", head).values()]
     # a point whose process died has none
@@ -169,7 +169,7 @@ def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
 
 
 def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:
-    """Solve a deck with overrides; what goes wrong is a message, not raised.
+    """Solve a deck with overrides; an error is returned as a message, not raised.
 
     Returns `probes`: values of the last step by name, vectors by components; `errors`: their error
     bars; `verdict`, `message`, `cpu_s`.
@@ -195,7 +195,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]
 
 
 class _Team(NamedTuple):
-    """Maker of an executor, its size, and what a call raises whose worker died."""
+    """Factory of an executor, its size, and the exception of a call whose worker died."""
 
     make: Callable[[], Executor]
     size: int
@@ -206,7 +206,7 @@ def _full(
     plan: Plan, left: Sequence[int], out: Path, team: _Team, store: Store,
     progress: ProgressCallback,
 ) -> None:  # fmt: skip
-    """Solve points; a worker that dies costs its point a message, not the sweep."""
+    """Solve points; a worker that dies costs its point a message, but does not stop the sweep."""
     begin = time.monotonic()
     waiting = list(reversed(left))
     running: dict[Future[Any], tuple[int, Executor]] = {}
@@ -224,10 +224,10 @@ def _full(
                 try:
                     row = future.result()
                 except team.deaths as died:
-                    # a process that dies takes its pool with it
+                    # a process that dies breaks its pool
                     if isinstance(died, BrokenProcessPool) and own is pool:
                         pool = team.make()
-                    # of several points that ran, the one that killed the worker is not known
+                    # of several running points, the one that killed the worker is unknown
                     if number not in tried:
                         tried.add(number)
                         waiting.append(number)
@@ -244,7 +244,7 @@ def _full(
                     + ", ".join(plan.settings(plan.points[number]))
                 )
     finally:
-        # points that have not begun are dropped, those that run are stopped
+        # points that have not begun are dropped, running ones are stopped
         if isinstance(pool, ProcessPoolExecutor):
             for process in list((pool._processes or {}).values()):
                 process.terminate()
@@ -252,7 +252,7 @@ def _full(
 
 
 def _model_values(plan: Plan, rom: ReducedModel, path: Path) -> F64:
-    """Values of the parameters of a reduced model at all points; it must be of this very deck."""
+    """Values of the parameters of a reduced model at all points; it must belong to this deck."""
     trained = list(rom.head["overrides"])
     if load_deck(plan.deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
         raise InputError(
@@ -303,7 +303,7 @@ def _workers(dask: str | None, workers: int) -> Iterator[_Team]:
                 size = max(1, sum(client.nthreads().values()))
                 from distributed import KilledWorker
 
-                # an error of the system says that the scheduler has ended
+                # an error of the system means that the scheduler has ended
                 yield _Team(
                     lambda: client.get_executor(pure=False), size, (RuntimeError, KilledWorker)
                 )
@@ -315,13 +315,13 @@ def _workers(dask: str | None, workers: int) -> Iterator[_Team]:
 
 
 def _begin() -> None:
-    """Leave Ctrl-C to the process that shares out the points, and end when that one ends."""
+    """Leave Ctrl-C to the process that distributes the points, and end when that one ends."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
 def _end_with_parent() -> None:
-    """Wait for the end of the parent, be it a SIGKILL, and end in the middle of a solve."""
+    """Wait for the end of the parent, even by SIGKILL, and exit even during a solve."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()
@@ -330,7 +330,7 @@ def _end_with_parent() -> None:
 
 @contextmanager
 def _client(address: str, workers: int) -> Iterator[Any]:
-    """Client of a scheduler of Dask, or of one with workers on this machine."""
+    """Client of a Dask scheduler, or of a new one with workers on this machine."""
     distributed = optional("distributed", "dask", "--dask")
     own: dict[str, Any] = {
         "n_workers": workers, "threads_per_worker": 1, "dashboard_address": None,
@@ -345,7 +345,7 @@ def _client(address: str, workers: int) -> Iterator[Any]:
         try:
             yield client
         except (CancelledError, distributed.comm.CommClosedError):
-            # that it gives up connecting when it is closed is no news by then
+            # failure to connect is irrelevant once it is closed
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
             raise InstallationError(
                 f"--dask {address}: the scheduler has ended or cannot be reached any more; points "

@@ -1,4 +1,4 @@
-"""The table of a sweep: kept a line a point while it runs, written as CSV and Parquet."""
+"""The table of a sweep: stored one line per point while it runs, written as CSV and Parquet."""
 
 import json
 import math
@@ -14,7 +14,7 @@ from myork.sweeps.plan import LAST_COLUMNS, refusal
 
 
 def read_head(path: Path) -> Any:
-    """Identity of the sweep whose points are in a file; None without it."""
+    """Identity of the sweep whose points are in a file; None without the file."""
     try:
         with path.open(encoding="utf-8", errors="replace") as file:
             return json.loads(file.readline())["sweep"]
@@ -22,15 +22,15 @@ def read_head(path: Path) -> Any:
         return None
 
 
-#: What is known of every finished point
+#: Data of every finished point
 _KEYS = {"probes", "errors", "verdict", "message", "cpu_s"}
 
 
 def read_points(path: Path, head: Mapping[str, Any]) -> dict[int, dict[str, Any]]:
-    """Finished points of a file by their numbers; none where there is no file.
+    """Finished points of a file by number; none if there is no file.
 
     - `head`: identity of the sweep
-    - raises InputError: the points are of another sweep, or a line is not what a sweep writes
+    - raises InputError: the points belong to another sweep, or a line was not written by a sweep
     """
     text = path.read_text(encoding="utf-8", errors="replace") if path.exists() else ""
     # a killed run may leave half a line at the end
@@ -55,13 +55,13 @@ def read_points(path: Path, head: Mapping[str, Any]) -> dict[int, dict[str, Any]
 
 
 class Store:
-    """Finished points in a folder; an interrupted sweep goes on where it ended.
+    """Finished points in a folder; an interrupted sweep continues where it stopped.
 
     Nothing is written before the first point.
 
     - `folder`: folder of the sweep
     - `head`: identity of the sweep. Points of another one in the same folder are refused.
-    - `about`: what `sweep.json` says of it
+    - `about`: its description in `sweep.json`
     """
 
     def __init__(self, folder: Path, head: Mapping[str, Any], about: Mapping[str, Any]) -> None:
@@ -73,7 +73,7 @@ class Store:
         self.rows = read_points(self._path, head)
 
     def add(self, row: dict[str, Any]) -> None:
-        """Keep a finished point; it is on the disk when this returns."""
+        """Store a finished point; it is on disk when this returns."""
         if not self._begun:
             lines = [{"sweep": self._head}, *self.rows.values()]
             write_text(self._path, "".join(f"{json.dumps(line)}\n" for line in lines))
@@ -86,7 +86,7 @@ class Store:
             os.fsync(file.fileno())
 
     def write_table(self, keys: Sequence[str], points: Sequence[tuple[Any, ...]]) -> Path:
-        """Write `sweep.csv`, and with pyarrow `sweep.parquet`, of what is finished."""
+        """Write `sweep.csv`, and with pyarrow `sweep.parquet`, of the finished points."""
         rows = [self.rows[number] for number in sorted(self.rows)]
         probes = list(dict.fromkeys(name for row in rows for name in row["probes"]))
         bars = [name for name in probes if any(name in row["errors"] for row in rows)]
@@ -106,12 +106,12 @@ class Store:
 
 
 def has_parquet() -> bool:
-    """Whether tables are written as Parquet as well."""
+    """Whether tables are also written as Parquet."""
     return find_spec("pyarrow") is not None
 
 
 def _cell(value: Any) -> Any:
-    """The value, with an apostrophe before text that a spreadsheet would take for a formula."""
+    """The value, with an apostrophe before text that a spreadsheet would read as a formula."""
     formula = isinstance(value, str) and value.startswith(("=", "+", "-", "@", "\t", "\r", "\n"))
     return f"'{value}" if formula else value
 

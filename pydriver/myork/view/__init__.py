@@ -1,4 +1,4 @@
-"""A reduced model with sliders: a local page, and one of sampled states that needs no server."""
+"""A reduced model with sliders: a local page, or a page of sampled states that needs no server."""
 
 from myork.view.server import serve
 from myork.view.still import still_page

@@ -1,4 +1,4 @@
-"""What the page asks of a reduced model: its body, a state, curves of a force."""
+"""Requests of the page to a reduced model: its body, a state, curves of a force."""
 
 import math
 import time
@@ -18,7 +18,7 @@ from myork.rom.probes import probe_columns
 from myork.summary import read_summary
 from myork.types import F64
 
-#: Fields by name, with a title and the kind of their unit
+#: Fields by name, with title and kind of unit
 FIELDS = {
     "von_mises": ("von Mises stress", "stress"),
     "principal": ("largest principal stress", "stress"),
@@ -29,31 +29,31 @@ FIELDS = {
 #: An error is relative to the displacement, but at least to this share of the largest of the
 #: training, as a probe is judged by its kind
 _LEAST = 0.1
-#: Share of a range below which its ends are rounding
+#: Share of a range below which its ends are rounding errors
 _ROUNDING = 1e-9
-#: Part of a range by which sliders go beyond it
+#: Extension of sliders beyond a range, relative to it
 _BEYOND = 0.15
-#: Points of a curve
+#: Number of points of a curve
 _POINTS = 31
-#: Per cent of the values of sample states at either end that have the colour of the end: stresses
-#: of few places are many times those of all others
+#: Percentage of the sampled values at either end that get the end colour: stresses
+#: at a few places are many times those elsewhere
 _TAIL = 2.0
-#: A solve on the same points whose force differs by more than this from the model's is of another
-#: deck; models are trained to a tenth of it
+#: A solve on the same points whose force differs from the model's by more than this belongs to
+#: another deck; models are trained to a tenth of it
 _SAME = 0.01
 
 
 class Shown(NamedTuple):
-    """A state as it is shown."""
+    """Display data of a state."""
 
     #: Numbers beside the body: probes, indicator, verdict with reasons, range of the field
     facts: dict[str, Any]
-    positions: F64  #: Where the corners of the surface are, shape `(n, 3)` [length]
-    values: F64  #: The field there, not a number where the body is inside out, shape `(n,)`
+    positions: F64  #: Corners of the surface, shape `(n, 3)` [length]
+    values: F64  #: The field there, not a number where J <= 0, shape `(n,)`
 
 
 class Answers(AbstractContextManager["Answers"]):
-    """A reduced model with its full scene, which gives fields; asked by one thread at a time.
+    """A reduced model with its full scene, which gives fields; used by one thread at a time.
 
     - `path`: reduced model
     - `threads`: threads of a call
@@ -77,7 +77,7 @@ class Answers(AbstractContextManager["Answers"]):
         self._full.close()
 
     def about(self) -> dict[str, Any]:
-        """What the page is built from."""
+        """Data from which the page is built."""
         rom, units = self.rom, self.rom.units
         named = {**units, "": "-"}
         parameters = []
@@ -87,7 +87,7 @@ class Answers(AbstractContextManager["Answers"]):
             if p.kind == "activation":
                 low, high = max(low, 0.0), min(high, 1.0)
             elif p.low > 0.0:
-                # a modulus stays what it is
+                # a modulus keeps its value
                 low = max(low, 0.5 * p.low)
             unit = {
                 "load": units["length"],
@@ -115,7 +115,7 @@ class Answers(AbstractContextManager["Answers"]):
         }
 
     def start(self) -> list[float]:
-        """Values of the first state: no load where that is in the range, else the middle."""
+        """Values of the first state: no load if that is in the range, otherwise the middle."""
         return [
             0.0 if p.columns and p.low <= 0.0 <= p.high else 0.5 * (p.low + p.high)
             for p in self.rom.parameters
@@ -132,7 +132,7 @@ class Answers(AbstractContextManager["Answers"]):
         return Shown({**facts, "range": self.range_of(found[0], field)}, positions, found[0])
 
     def range_of(self, values: F64, field: str) -> Sequence[float | None]:
-        """Smallest and largest of the values of a field that are numbers."""
+        """Smallest and largest finite value of a field."""
         real = values[np.isfinite(values)]
         if not len(real):
             return [None, None]
@@ -171,8 +171,8 @@ class Answers(AbstractContextManager["Answers"]):
         """A probe along a parameter through a state.
 
         - `values`: the state
-        - `probe`, `k`: places in `probes` and among the parameters
-        - returns the number of the parameter, `x`, and `y`, None where no state is
+        - `probe`, `k`: indices in `probes` and among the parameters
+        - returns the index of the parameter, `x`, and `y`, None without a state
         """
         if not 0 <= probe < len(self.probes):
             raise InputError(f"probe {probe}: there are {len(self.probes)}")
@@ -184,13 +184,13 @@ class Answers(AbstractContextManager["Answers"]):
         return {"parameter": k, "x": rows[:, k].tolist(), "y": [_number(v) for v in found]}
 
     def _fields(self, row: F64, amplitudes: F64) -> Fields:
-        """Fields of a state, by the full scene: materials and what is prescribed enter them."""
+        """Fields of a state from the full scene; materials and prescribed values enter them."""
         wanted = {p.key: float(v) for p, v in zip(self.rom.parameters, row, strict=True)}
         self._full.update(wanted)
         return self._full.fields(self.rom.basis @ amplitudes, 1.0)
 
     def _probes(self) -> list[dict[str, str]]:
-        """Names and units of the scalars that probes give, forces first."""
+        """Names and units of the scalars of the probes, forces first."""
         found = []
         for probe in self.rom.head["probes"]:
             names = probe_columns(probe, self._full.dimension)
@@ -206,7 +206,7 @@ class Answers(AbstractContextManager["Answers"]):
         return np.stack([scalars[probe["name"]] for probe in self.probes], axis=1)
 
     def _verdict(self, row: F64, batch: Batch, smallest_j: float) -> tuple[str, list[str]]:
-        """Verdict of sweeps and `rom solve`, with the ranges that are exceeded."""
+        """Verdict as in sweeps and `rom solve`, with the ranges that are exceeded."""
         verdict, reasons = batch.verdict(0)
         reasons = [reason for reason in reasons if reason != OUTSIDE] + [
             f"{p.key} = {v:.4g} is outside the trained range {p.low:g} to {p.high:g}"
@@ -219,10 +219,10 @@ class Answers(AbstractContextManager["Answers"]):
         return verdict, reasons
 
     def _bar_of_force(self, folder: Path) -> dict[str, Any] | None:
-        """Error of the first force by the check on unseen full solves; none without a check.
+        """Error of the first force from the check on unseen full solves; None without a check.
 
-        It is relative to the force, or to a share of the largest where the force is smaller; with
-        `full`, the error bar of the full model at its full load, where its solve lies beside.
+        It is relative to the force, or to a share of the largest if the force is smaller; with
+        `full`, the error bar of the full model at full load, if its solve is in the same folder.
         """
         found, name = self.rom.certificate, self.probes[0]["of"]
         if not found or not any(p["rows"] for p in self.rom.head["probes"]):
@@ -237,7 +237,7 @@ class Answers(AbstractContextManager["Answers"]):
         }
 
     def _full_error(self, folder: Path, name: str) -> float | None:
-        """Relative error bar of a force in the folder of the model; none where none is of it."""
+        """Relative error bar of a force in the folder of the model; None if none belongs to it."""
         scene = self._full
         try:
             summary = read_summary(folder)
@@ -254,13 +254,13 @@ class Answers(AbstractContextManager["Answers"]):
             )
             return float(np.linalg.norm(error) / np.linalg.norm(force)) if of_it else None
         except (MyorkError, LookupError, TypeError, AttributeError, ValueError):
-            # another program may write into the folder: there is no bar then
+            # another program may be writing into the folder: then there is no bar
             return None
 
     def _ranges(self) -> tuple[dict[str, list[float]], float]:
         """Ranges of the colours: values at the ends of each parameter and in the middle.
 
-        With the largest value of the first probe there.
+        Also the largest value of the first probe there.
         """
         middle = np.array([0.5 * (p.low + p.high) for p in self.rom.parameters])
         rows = [middle]
@@ -279,7 +279,7 @@ class Answers(AbstractContextManager["Answers"]):
         ranges = {}
         for name, values in found.items():
             every = np.concatenate(values)
-            # stresses of places that are inside out are no numbers
+            # stresses where J <= 0 are not numbers
             every = every[np.isfinite(every)]
             ends = np.percentile(every, [_TAIL, 100.0 - _TAIL])
             ranges[name] = _rounded(ends, float(np.abs(ends).max()))
@@ -287,7 +287,7 @@ class Answers(AbstractContextManager["Answers"]):
 
 
 def _field(fields: Fields, name: str) -> F64:
-    """One number a point."""
+    """One number per point."""
     if name == "displacement":
         return np.linalg.norm(fields.u, axis=1)
     if name == "J":
@@ -307,10 +307,10 @@ def _field(fields: Fields, name: str) -> F64:
 
 
 def _rounded(ends: F64, size: float) -> list[float]:
-    """Ends of a range, zero where they are rounding of values of a size."""
+    """Ends of a range, zero where they are rounding errors relative to the size of the values."""
     return [0.0 if abs(end) < _ROUNDING * size else float(end) for end in ends]
 
 
 def _number(value: Any) -> float | None:
-    """A number that JSON knows."""
+    """A number that JSON can express."""
     return float(value) if math.isfinite(value) else None

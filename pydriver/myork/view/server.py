@@ -1,4 +1,4 @@
-"""The local page of a reduced model: a small server, the page, answers to its questions."""
+"""The local page of a reduced model: a small server, the page, answers to its requests."""
 
 import errno
 import json
@@ -21,16 +21,16 @@ from myork.report.frame import render
 from myork.view.answers import Answers
 
 T = TypeVar("T")
-#: What a question says, by name
+#: Parameters of a request, by name
 Asked = dict[str, str]
 
-#: Only this machine is served
+#: Serve this machine only
 _HOST = "127.0.0.1"
-#: Names under which a browser on this machine, or at the end of a tunnel to it, knows it
+#: Host names under which a browser on this machine, or at the end of a tunnel to it, reaches it
 _NAMES = ("127.0.0.1", "localhost", "[::1]")
-#: Stands for no number among the values; the page draws it grey
+#: Replaces missing numbers among the values; the page draws it grey
 _NONE = 1e38
-#: Time after which a connection ends that waits for a question or for its answer to be read [s]
+#: Timeout of a connection that waits for a request or for its answer to be read [s]
 _IDLE = 10.0
 
 
@@ -42,14 +42,14 @@ def serve(
     threads: int = 1,
     progress: ProgressCallback = silent,
 ) -> None:
-    """Serve the page of a reduced model until Ctrl-C, SIGTERM or, by the command, SIGHUP.
+    """Serve the page of a reduced model until Ctrl-C, SIGTERM or, for the command, SIGHUP.
 
     - `path`: reduced model (.rom.h5)
     - `port`: port of this machine; 0 takes a free one
     - `browser`: open the page in a browser
     - `threads`: threads of a batch
-    - `progress`: called with the address when the page can be opened; who does not know the token
-      in it gets no answer
+    - `progress`: called with the address when the page can be opened; without the token in
+      it, requests are refused
     - raises InputError: the port is in use
     """
     try:
@@ -75,39 +75,39 @@ def serve(
 
 
 class _Refused(Exception):
-    """A question that gets no answer, with its status and the reason."""
+    """A request that is refused, with its status and the reason."""
 
 
 class _Server(ThreadingHTTPServer):
-    """A thread for each connection, and one that computes for all of them, first come first served.
+    """A thread for each connection, and one that computes for all of them in order of arrival.
 
-    Its address has a token that only who started the server knows.
+    Its address contains a token known only to the user who started the server.
     """
 
-    answers: Answers  #: What is asked
+    answers: Answers  #: Answers to the requests
 
     def __init__(self, port: int) -> None:
         super().__init__((_HOST, port), _Handler)
         port = self.server_address[1]
         self.token = secrets.token_urlsafe(16)
         self.address = f"http://{_HOST}:{port}/{self.token}/"
-        #: Of which a request may ask: a page elsewhere whose name leads here has another host
+        #: Allowed hosts of a request: a foreign page whose name resolves to here has another host
         self.hosts = {f"{name}:{port}" for name in _NAMES} | set(_NAMES if port == 80 else ())
-        self.turn = ThreadPoolExecutor(max_workers=1)  #: The thread that computes
+        self.turn = ThreadPoolExecutor(max_workers=1)  #: The computing thread
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A browser that hangs up in the middle of an answer is no error."""
+        """A browser that disconnects in the middle of an answer is not an error."""
 
 
 class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
-    # else the second packet of an answer waits 40 ms for the client's receipt of the first
+    # otherwise the second packet of an answer waits 40 ms for the client to acknowledge the first
     disable_nagle_algorithm = True
     timeout = _IDLE
     server: _Server
 
     def do_GET(self) -> None:
-        """Answer a question of the page."""
+        """Answer a request of the page."""
         status, kind = HTTPStatus.OK, "text/plain; charset=utf-8"
         try:
             kind, body = self._answer()
@@ -128,10 +128,10 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(body)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Hundreds of questions a second are not worth a line each."""
+        """No log: there may be hundreds of requests per second."""
 
     def computed(self, work: Callable[[], T]) -> T:
-        """What the one thread that computes finds."""
+        """Result of the work, computed by the one computing thread."""
         return self.server.turn.submit(work).result()
 
     def _answer(self) -> tuple[str, bytes]:
@@ -176,7 +176,7 @@ def _state(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     answers = handler.server.answers
     values = _asked(asked, "p", float)
     shown = handler.computed(partial(answers.state, values, asked.get("field", "")))
-    # shaders need not know what is not a number
+    # shaders need not handle missing numbers
     numbers = np.nan_to_num(shown.values, nan=_NONE)
     return _numbers(shown.facts, shown.positions.astype("<f4"), numbers.astype("<f4"))
 
@@ -188,15 +188,15 @@ def _curves(handler: _Handler, asked: Asked) -> tuple[str, bytes]:
     if not all(0 <= k < count for k in of):
         raise InputError(f"of: numbers of parameters from 0 to {count - 1} are needed")
     values, (probe, *_) = _asked(asked, "p", float), _asked(asked, "probe", int)
-    # one by one: other clients have their turn in between
+    # one by one, so that other clients have their turn in between
     found = [handler.computed(partial(answers.curve, values, probe, k)) for k in of]
     return "application/json", json.dumps(found).encode()
 
 
 def _asked(asked: Asked, key: str, kind: Callable[[str], T]) -> list[T]:
-    """Numbers of a question, separated by commas.
+    """Numbers of a request, separated by commas.
 
-    - raises InputError: the key is missing, or one is not a finite number
+    - raises InputError: the key is missing, or a number is not finite
     """
     if key not in asked:
         raise InputError(f"{key}: is missing")
@@ -210,7 +210,7 @@ def _asked(asked: Asked, key: str, kind: Callable[[str], T]) -> list[T]:
 
 
 def _numbers(facts: dict[str, Any], *arrays: np.ndarray) -> tuple[str, bytes]:
-    """JSON with its length before it, filled up to four bytes, then arrays of four bytes each."""
+    """JSON preceded by its length, padded to four bytes, then arrays of four bytes per number."""
     head = json.dumps(facts).encode()
     head += b" " * (-len(head) % 4)
     size = np.array([len(head)], "<u4").tobytes()

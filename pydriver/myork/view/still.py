@@ -16,13 +16,13 @@ from myork.rom.parameters import spread_points
 from myork.types import F64
 from myork.view.answers import FIELDS, Answers
 
-#: Bytes of all states of a page at most, and their number
+#: Largest size of all states of a page in bytes, and their largest number
 MOST_BYTES, _MOST_STATES = 4_000_000, 400
-#: States along a parameter, the least with which a further parameter gets its slider, and the most
+#: States along a parameter: the least for a further parameter to get a slider, and the most
 _LEAST, _MOST = 5, 17
 #: Kinds of parameters that come first
 _FIRST = {"activation": 0, "load": 1}
-#: Other states at which the interpolation is compared with the model
+#: Number of other states at which the interpolation is compared with the model
 _TESTS = 16
 
 
@@ -32,10 +32,10 @@ def still_page(
     """Write a page of a reduced model that opens from the file system, without a server.
 
     - `path`: reduced model (.rom.h5)
-    - `page`: the page (.html); it takes its name when it is whole
+    - `page`: the page (.html), written completely or not at all
     - `threads`: threads of a state
     - `progress`: called with a line of progress
-    - raises InputError: the page has no name of one, or the states of the body do not fit into it
+    - raises InputError: the file name is not that of a page, or the states do not fit into it
     """
     if page.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--still {page}: the name must end in .html")
@@ -48,11 +48,11 @@ def sample(path: Path, *, threads: int = 1, progress: ProgressCallback = silent)
     """Sample states of a reduced model on a grid of its parameters.
 
     Activations come first, then loads. As many parameters get a slider as `MOST_BYTES` and 400
-    states allow with five along each; the others have one value: loads none, else the middle.
+    states allow with five along each; the others are fixed: loads at zero, others in the middle.
 
-    - returns `about`, what the page is built from, and `held`: `stops`, the number of states along
-      each parameter; `states`, of which the last parameter varies fastest; how bytes become
-      positions and values; how far values between the states are off
+    - returns `about`, data from which the page is built, and `held`: `stops`, the number of states
+      along each parameter; `states`, of which the last parameter varies fastest; the conversion of
+      bytes to positions and values; the interpolation errors between the states
     - raises InputError: three states of the body are larger than `MOST_BYTES`
     """
     with Answers(path, threads) as answers:
@@ -127,7 +127,7 @@ def _grid(path: Path, order: list[int], corners: int) -> tuple[int, list[int]]:
 
 
 def _whole(values: F64, ends: F64, kind: str) -> bytes:
-    """Values as whole numbers between ends, the largest for what is not a number."""
+    """Values as integers between ends, the largest integer for missing numbers."""
     none, (low, high) = np.iinfo(kind).max, ends
     with np.errstate(invalid="ignore", divide="ignore"):
         share = np.nan_to_num((values - low) / (high - low), nan=0.0, posinf=1.0, neginf=0.0)
@@ -143,7 +143,7 @@ def _tests(
     states: list[dict[str, Any]],
     places: F64,
 ) -> dict[str, Any]:
-    """How far values between the states are off, at some that no state is at.
+    """Interpolation errors at values between the sampled states.
 
     Returns `points`; the largest errors of the first probe, `force`, and of a position, `place`
     [length].
