@@ -46,8 +46,8 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
     - raises InputError: the deck, the model or the points are wrong; the message says where
     - raises FileError: the model file is missing
 
-    Attributes:
-
+    Attributes
+    ----------
     - `deck`: the effective deck, defaults and overrides included; read-only
     - `dimension`: space dimension
     - `source_points`, `collocation_points`: numbers of points

@@ -68,8 +68,8 @@ def read_labels(path: Path, note: ProgressCallback = silent) -> Labels:
     """Read a label map: whole numbers as stored, regardless of the header's scale.
 
     They may be stored as nearly whole floating point numbers, with not-a-number for the background.
-Names are read from a file with the same stem beside it (`legs.nii.gz` and `legs.json`),
-`{"name": label}`, if there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
+    Names are read from a file with the same stem beside it (`legs.nii.gz` and `legs.json`),
+    `{"name": label}`, if there is one; those of BIDS (`legs_dseg.nii.gz`) from `legs_dseg.tsv`.
 
     - `path`: label map
     - `note`: called with irregularities of the file
