@@ -15,7 +15,7 @@ module rk_symmetric
    implicit none
    private
 
-   public :: symmetric_matrix, new_symmetric
+   public :: symmetric_matrix, new_symmetric, packed_entries, new_packed
 
    !> Factor in single precision, of the matrix scaled to a unit diagonal
    type :: near_factor
@@ -62,6 +62,16 @@ module rk_symmetric
       procedure :: let_go, definite, rows, shifted, add, product => product_with, add_skew
       final :: free
    end type symmetric_matrix
+
+   !> Entries of a symmetric matrix most of which are zero
+   type :: packed_entries
+      !> Places of those that are not, their rows and columns
+      integer(i8), allocatable, private :: place(:)
+      integer, allocatable, private :: row(:), column(:)
+      real(wp), allocatable, private :: value(:)
+   contains
+      procedure :: unpack, product => packed_product
+   end type packed_entries
 
    !> A matrix with the factor of a nearby one in the same sparsity pattern
    type, extends(symmetric_system) :: preconditioned_type
@@ -258,6 +268,56 @@ subroutine add_skew(self, sign, x, y)
       end do
    end do
 end subroutine add_skew
+
+!> Keep the entries of a matrix that are not zero
+subroutine new_packed(self, matrix)
+   type(packed_entries), intent(out) :: self
+   class(symmetric_matrix), intent(in) :: matrix
+   integer(i8), allocatable :: row(:)
+   integer(i8) :: k, n
+   integer :: j
+
+   allocate (row, source=matrix%rows())
+   n = count(abs(matrix%value) > 0.0_wp, kind=i8)
+   allocate (self%place(n), self%row(n), self%column(n), self%value(n))
+   n = 0
+   do j = 1, matrix%n
+      do k = matrix%start(j) + 1, matrix%start(j + 1)
+         if (.not. abs(matrix%value(k)) > 0.0_wp) cycle
+         n = n + 1
+         self%place(n) = k
+         self%row(n) = int(row(k)) + 1
+         self%column(n) = j
+         self%value(n) = matrix%value(k)
+      end do
+   end do
+end subroutine new_packed
+
+!> All entries in the sparsity pattern of the matrix
+subroutine unpack(self, value)
+   class(packed_entries), intent(in) :: self
+   !> Entries, shape (entries)
+   real(wp), intent(out) :: value(:)
+
+   value = 0.0_wp
+   value(self%place) = self%value
+end subroutine unpack
+
+!> Product with a vector
+subroutine packed_product(self, x, y)
+   class(packed_entries), intent(in) :: self
+   real(wp), contiguous, intent(in) :: x(:)
+   real(wp), contiguous, intent(inout) :: y(:)
+   integer(i8) :: k
+
+   y = 0.0_wp
+   do k = 1, size(self%value, kind=i8)
+      associate (i => self%row(k), j => self%column(k))
+         y(i) = y(i) + self%value(k)*x(j)
+         if (i /= j) y(j) = y(j) + self%value(k)*x(i)
+      end associate
+   end do
+end subroutine packed_product
 
 !> Product of other entries in the same sparsity pattern with a vector
 subroutine product_with(self, value, x, y)

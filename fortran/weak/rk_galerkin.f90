@@ -40,7 +40,7 @@ module rk_galerkin
    use rk_stabilisation, only : bulk_within, judged_share, share_bulk
    use rk_states, only : field_state, point_state
    use rk_surface_sets, only : find_surface_sets
-   use rk_symmetric, only : symmetric_matrix
+   use rk_symmetric, only : new_packed, packed_entries, symmetric_matrix
    use rk_tangent, only : new_tangent, tangent_type
    use rk_tensor, only : add_cross_form, cross, determinant, identity, principal_values
    use rk_text, only : to_text
@@ -76,7 +76,7 @@ module rk_galerkin
       type(surface_type) :: surface, pins
       !> Tangent, and the part of its entries that never changes: penalty and stabilisation
       type(tangent_type) :: matrix
-      real(wp), allocatable :: constant(:)
+      type(packed_entries) :: constant
       !> Forces of each load factor, with those of prescribed values, shape (n, factors) [force]
       real(wp), allocatable :: force(:, :)
       !> Nearest collocation point of each point, shape (np)
@@ -91,7 +91,7 @@ module rk_galerkin
    contains
       procedure :: start, assemble, is_unstable, state, at_place, strain_energy, set_force
       procedure :: set_displacement, section_force, set_point_loads, inner_forces
-      procedure :: material_at
+      procedure :: constant_product, material_at
    end type galerkin_problem
 
    !> Source points across four groups of two spacings each, the least for curvature in boxes
@@ -212,12 +212,24 @@ subroutine set_constants(self, shear, error)
    if (self%matrix%formed .and. has_free_rim(self%scene)) &
       & allocate (self%matrix%skew, source=0.0_wp*self%matrix%value)
    if (self%linear) call self%pins%add_penalty(self%matrix%symmetric_matrix, self%matrix%value)
-   self%constant = self%matrix%value
+   call new_packed(self%constant, self%matrix%symmetric_matrix)
    if (.not. self%linear) return
    call self%pins%add_forces(self%force)
    call add_load(self%inside, self%cells%weight, sources(self, 0.0_wp, error), &
       & self%force(:, ramp))
 end subroutine set_constants
+
+!> Forces of the part of the tangent that never changes
+subroutine constant_product(self, x, y)
+   class(galerkin_problem), intent(in) :: self
+   !> Displacements, shape (n) [length]
+   real(wp), contiguous, intent(in) :: x(:)
+   !> Forces, shape (n) [force]
+   real(wp), contiguous, intent(inout) :: y(:)
+
+   call self%constant%product(x, y)
+   call self%matrix%add_stabilisation(x, y)
+end subroutine constant_product
 
 !> Body forces of a linear problem, shape (fields, np) [force/length^3]
 function sources(self, time, error) result(b)
@@ -335,9 +347,9 @@ subroutine assemble(self, x, stage, r, seen)
    tangent = stage%tangent .or. (size(jump) > 0 .and. self%inexact)
    if (size(jump) > 0) self%leaps = .not. tangent
    r = 0.0_wp
-   call self%matrix%constant_product(self%constant, x(:self%matrix%n), r(:self%matrix%n))
+   call self%constant_product(x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, factor)
-   if (tangent) self%matrix%value = self%constant
+   if (tangent) call self%constant%unpack(self%matrix%value)
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)
    if (tangent .and. self%inexact) call self%matrix%pressures%go_to(x)
@@ -841,8 +853,7 @@ function section_force(self, place, normal, state) result(force)
    force = 0.0_wp
    ! supports and stabilisation do not contribute to the stress of one tissue
    if (state%tissue == 0) then
-      call self%matrix%constant_product(self%constant, state%x(:self%matrix%n), &
-         & inner(:self%matrix%n))
+      call self%constant_product(state%x(:self%matrix%n), inner(:self%matrix%n))
       force = self%surface%held_force(self%cells, cut, state)
    end if
    call self%inner_forces(state, inner)

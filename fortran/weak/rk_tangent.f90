@@ -64,7 +64,7 @@ module rk_tangent
       !> Preconditioner of the displacements
       type(preconditioner_type), private :: preconditioner
    contains
-      procedure :: forget, measure, keep_group, complete, constant_product, apply, solve_square
+      procedure :: forget, measure, keep_group, complete, add_stabilisation, apply, solve_square
    end type tangent_type
 
    !> Displacements and pressures
@@ -200,11 +200,9 @@ subroutine complete(self, cells, inside, modulus)
    call new_sparse_rows(self%stabilising, start, column, value)
 end subroutine complete
 
-!> Product of the part that never changes with a vector
-subroutine constant_product(self, constant, x, y)
+!> Add the product of the stabilisation of a tangent that is not formed with a vector
+subroutine add_stabilisation(self, x, y)
    class(tangent_type), intent(in) :: self
-   !> Its entries, without the stabilisation where the tangent is not formed [force/length]
-   real(wp), contiguous, intent(in) :: constant(:)
    !> Displacements, shape (n) [length]
    real(wp), contiguous, target, intent(in) :: x(:)
    !> Forces, shape (n) [force]
@@ -212,14 +210,13 @@ subroutine constant_product(self, constant, x, y)
    real(wp), pointer, contiguous :: to(:, :), from(:, :)
    integer :: nd, ns
 
-   call self%product(constant, x, y)
    if (.not. allocated(self%stabilising%value)) return
    nd = self%block
    ns = size(self%stabilising%place%offset) - 1
    from(1:nd, 1:ns) => x(:nd*ns)
    to(1:nd, 1:ns) => y(:nd*ns)
    call self%stabilising%product(from, to, .true.)
-end subroutine constant_product
+end subroutine add_stabilisation
 
 !> y = K u with all of the tangent
 subroutine apply(self, x, y)
@@ -234,7 +231,8 @@ subroutine apply(self, x, y)
    if (self%formed) then
       call self%product(self%value, x, y)
    else
-      call self%constant_product(self%value, x(:self%n), y(:self%n))
+      call self%product(self%value, x(:self%n), y(:self%n))
+      call self%add_stabilisation(x(:self%n), y(:self%n))
       allocate (volume, mold=self%groups%pressure%total)
       call self%groups%add_product(x, y, volume)
    end if
@@ -379,7 +377,8 @@ subroutine multiply(self, x, y)
    associate (tangent => self%tangent, n => self%tangent%n)
       pressure = reshape(x(n + 1:), shape(tangent%groups%pressure%total))
       allocate (volume, mold=pressure)
-      call tangent%constant_product(tangent%value, x(:n), y(:n))
+      call tangent%product(tangent%value, x(:n), y(:n))
+      call tangent%add_stabilisation(x(:n), y(:n))
       call tangent%groups%add_product(x(:n), y(:n), volume, pressure)
       if (self%shift > 0.0_wp) y(:n) = y(:n) + self%shift*x(:n) &
          & *[tangent%preconditioner%diagonal, of_plates(tangent)]

@@ -70,7 +70,8 @@ subroutine new_weak_motion(self, problem, error)
    allocate (points%value(1, problem%fields, size(self%inertia)), source=0.0_wp)
    allocate (self%mass(size(problem%matrix%value)), source=0.0_wp)
    call points%add_penalty(problem%matrix%symmetric_matrix, self%mass)
-   self%penalty = problem%constant
+   allocate (self%penalty, mold=self%mass)
+   call problem%constant%unpack(self%penalty)
    self%stiffness = problem%matrix%value - self%penalty
    self%varies = loads_vary(problem%scene)
    call solve_sparse(self%factor, self%n, problem%matrix%start, problem%matrix%rows(), self%mass &

@@ -205,7 +205,7 @@ subroutine answer_products(full, x, answer)
 
    allocate (stiff(size(x, 1), size(x, 2)), mass(size(x, 1), size(x, 2)), source=0.0_wp)
    do j = 1, size(x, 2)
-      call full%matrix%constant_product(full%constant, x(:, j), stiff(:, j))
+      call full%constant_product(x(:, j), stiff(:, j))
       do q = 1, size(u, 2)
          call full%inside%interpolate(q, x(:, j), 1, 1, field)
          u(:, q) = field(:, 1)
