@@ -23,20 +23,18 @@ module rk_acoustic
    integer, parameter :: refinements = 10
    !> First angle of the refinement
    real(wp), parameter :: first_turn = 0.15_wp
-   !> Number of eliminations of the motion that changes the volume: few fixed-point steps suffice if
-   !> its stiffness exceeds the others by this multiple of the coupling
-   integer, parameter :: eliminations = 3
+   !> Three fixed-point steps eliminate the motion that changes the volume, if its stiffness exceeds
+   !> the others by this multiple of the coupling
    real(wp), parameter :: apart = 3.0_wp
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
    integer :: d
    real(wp), parameter :: around(in_plane) = [(pi*(d - 1)/in_plane, d=1, in_plane)]
    real(wp), parameter :: height(directions) = [((d - 0.5_wp)/directions, d=1, directions)]
    real(wp), parameter :: turned(directions) = [(pi*(3.0_wp - sqrt(5.0_wp))*d, d=1, directions)]
-   real(wp), parameter :: flat(3, in_plane) = reshape([(cos(around(d)), sin(around(d)), 0.0_wp, &
-      & d=1, in_plane)], [3, in_plane])
-   real(wp), parameter :: spiral(3, directions) = reshape([(sqrt(1.0_wp - height(d)**2) &
-      & *cos(turned(d)), sqrt(1.0_wp - height(d)**2)*sin(turned(d)), height(d), &
-      & d=1, directions)], [3, directions])
+   real(wp), parameter :: flat(in_plane, 3) = reshape([cos(around), sin(around), 0.0_wp*around], &
+      & [in_plane, 3])
+   real(wp), parameter :: spiral(directions, 3) = reshape([sqrt(1.0_wp - height**2)*cos(turned), &
+      & sqrt(1.0_wp - height**2)*sin(turned), height], [directions, 3])
 
 contains
 
@@ -50,45 +48,50 @@ pure real(wp) function least_acoustic(nd, c4, cofactor, rigid) result(least)
    real(wp), intent(in) :: cofactor(3, 3)
    !> The material is incompressible
    logical, intent(in) :: rigid
-   real(wp) :: n(3), best(3), centre(3), side(3, 2), form(3, 3, 6), turn, value
+   real(wp) :: form(6, 6), best(3), side(3, 2), tries(2*(nd - 1), 3), turn, before
    integer :: i, k
 
    form = products_form(c4)
    least = huge(1.0_wp)
    best = 0.0_wp
-   do k = 1, merge(in_plane, directions, nd == 2)
-      if (nd == 2) then
-         call keep_better(flat(:, k), least, best)
-      else
-         call keep_better(spiral(:, k), least, best)
-      end if
-   end do
+   if (nd == 2) then
+      call keep_better(flat, least, best)
+   else
+      call keep_better(spiral, least, best)
+   end if
    turn = first_turn
    do k = 1, refinements
-      centre = best
-      call sides_of(centre, nd, side)
-      value = least
+      call sides_of(best, nd, side)
       do i = 1, nd - 1
-         n = cos(turn)*centre + sin(turn)*side(:, i)
-         call keep_better(n, least, best)
-         n = cos(turn)*centre - sin(turn)*side(:, i)
-         call keep_better(n, least, best)
+         tries(2*i - 1, :) = cos(turn)*best + sin(turn)*side(:, i)
+         tries(2*i, :) = cos(turn)*best - sin(turn)*side(:, i)
       end do
-      ! in the plane the minimum lies within one turn of the best of three directions
-      if (nd == 2 .or. .not. least < value) turn = 0.5_wp*turn
+      before = least
+      call keep_better(tries, least, best)
+      ! in 2D the smallest value lies within one turn of the best of three directions
+      if (nd == 2 .or. .not. least < before) turn = 0.5_wp*turn
    end do
 
 contains
 
-   !> Keep a direction if it is better
+   !> Keep the best of some directions if it is better
    pure subroutine keep_better(direction, least_value, its_direction)
-      real(wp), intent(in) :: direction(3)
+      !> Unit vectors, shape (directions, 3)
+      real(wp), intent(in) :: direction(:, :)
       real(wp), intent(inout) :: least_value, its_direction(3)
-      real(wp) :: found
-      found = smallest(nd, form, direction, matmul(cofactor, direction), rigid)
-      if (found >= least_value) return
-      least_value = found
-      its_direction = direction
+      real(wp) :: value(size(direction, 1))
+      integer :: d
+
+      if (nd == 2) then
+         call plane_values(form, direction, cofactor, rigid, value)
+      else
+         call solid_values(form, direction, cofactor, rigid, value)
+      end if
+      do d = 1, size(value)
+         if (value(d) >= least_value) cycle
+         least_value = value(d)
+         its_direction = direction(d, :)
+      end do
    end subroutine keep_better
 
 end function least_acoustic
@@ -111,76 +114,111 @@ pure subroutine sides_of(n, nd, side)
    side(:, 2) = vector_product(n, side(:, 1))
 end subroutine sides_of
 
-!> Q(i, k) as a linear form in the products 11, 22, 33, 23, 13, 12 of a direction's components
+!> Components 11, 22, 33, 23, 13, 12 of Q as forms in the same products of a direction's components
 pure function products_form(c4) result(form)
    !> Tangent [stress]
    real(wp), intent(in) :: c4(3, 3, 3, 3)
-   !> Coefficients of the products [stress]
-   real(wp) :: form(3, 3, 6)
-   integer :: a
+   !> Factors of the products, shape (component, product) [stress]
+   real(wp) :: form(6, 6)
+   integer, parameter :: row(6) = [1, 2, 3, 2, 1, 1], column(6) = [1, 2, 3, 3, 3, 2]
+   integer :: a, b, c, i, k
 
-   do a = 1, 3
-      form(:, :, a) = c4(:, a, :, a)
+   do c = 1, 6
+      i = row(c)
+      k = column(c)
+      form(c, :3) = [(c4(i, a, k, a), a=1, 3)]
+      form(c, 4:) = [(c4(i, row(b), k, column(b)) + c4(i, column(b), k, row(b)), b=4, 6)]
    end do
-   form(:, :, 4) = c4(:, 2, :, 3) + c4(:, 3, :, 2)
-   form(:, :, 5) = c4(:, 1, :, 3) + c4(:, 3, :, 1)
-   form(:, :, 6) = c4(:, 1, :, 2) + c4(:, 2, :, 1)
 end function products_form
 
-!> Smallest eigenvalue of the acoustic tensor of one direction [stress]
-pure real(wp) function smallest(nd, form, n, m, rigid)
-   !> Space dimension; in the plane one motion preserves the volume
-   integer, intent(in) :: nd
-   !> Acoustic tensor, as coefficients of the products of a direction's components [stress]
-   real(wp), intent(in) :: form(3, 3, 6)
-   !> Direction, unit vector
-   real(wp), intent(in) :: n(3)
-   !> Direction of the motions that change the volume, of any length
-   real(wp), intent(in) :: m(3)
-   !> The material is incompressible, so that there are no such motions
+!> Smallest eigenvalue of the acoustic tensor of some directions in 2D, where one motion keeps the
+!> volume; the loop runs over the directions, so that processors take several at a time
+pure subroutine plane_values(form, n, cofactor, rigid, value)
+   !> Acoustic tensor in terms of the products of a direction's components [stress]
+   real(wp), intent(in) :: form(6, 6)
+   !> Unit vectors, shape (directions, 3)
+   real(wp), intent(in) :: n(:, :)
+   !> Cofactors of F: those times a direction are the motion that changes the volume
+   real(wp), intent(in) :: cofactor(3, 3)
+   !> There are no such motions
    logical, intent(in) :: rigid
-   real(wp) :: q(3, 3), image(3, 2), side(3, 2), coupling(2), share(2), across(3), a, b, c, stiff
-   real(wp) :: principal(3)
-   integer :: i, trial
+   !> Eigenvalues, shape (directions) [stress]
+   real(wp), intent(out) :: value(:)
+   real(wp) :: q(3), m(2), length, a, b, stiff, least
+   integer :: d
 
-   if (nd == 2) then
-      q(:2, :2) = n(1)**2*form(:2, :2, 1) + n(2)**2*form(:2, :2, 2) + n(1)*n(2)*form(:2, :2, 6)
-      across = m/sqrt(m(1)**2 + m(2)**2)
-      image(:2, 1) = q(:2, 2)*across(1) - q(:2, 1)*across(2)
-      smallest = image(2, 1)*across(1) - image(1, 1)*across(2)
-      if (rigid) return
-      a = smallest
-      b = image(1, 1)*across(1) + image(2, 1)*across(2)
-      stiff = dot_product(across(:2), q(:2, 1)*across(1) + q(:2, 2)*across(2))
-      if (.not. stiff - a > apart*abs(b)) smallest = lower(q(1, 1), q(1, 2), q(2, 2))
-      do trial = 1, merge(eliminations, 0, stiff - a > apart*abs(b))
-         smallest = a - b**2/(stiff - smallest)
-      end do
-      return
-   end if
-   q = n(1)**2*form(:, :, 1) + n(2)**2*form(:, :, 2) + n(3)**2*form(:, :, 3) &
-      & + n(2)*n(3)*form(:, :, 4) + n(1)*n(3)*form(:, :, 5) + n(1)*n(2)*form(:, :, 6)
-   across = m/sqrt(dot_product(m, m))
-   call sides_of(across, 3, side)
-   image = matmul(q, side)
-   a = dot_product(side(:, 1), image(:, 1))
-   b = dot_product(side(:, 1), image(:, 2))
-   c = dot_product(side(:, 2), image(:, 2))
-   smallest = lower(a, b, c)
-   if (rigid) return
-   ! elimination preserves the digits of shear beside a bulk modulus 1e8 times as large
-   stiff = dot_product(across, matmul(q, across))
-   coupling = [(dot_product(across, image(:, i)), i=1, 2)]
-   if (.not. stiff - smallest > apart*sqrt(dot_product(coupling, coupling))) then
-      principal = principal_values(q)
-      smallest = principal(3)
-      return
-   end if
-   do trial = 1, eliminations
-      share = coupling/sqrt(stiff - smallest)
-      smallest = lower(a - share(1)**2, b - share(1)*share(2), c - share(2)**2)
+   do d = 1, size(value)
+      q = n(d, 1)**2*form([1, 2, 6], 1) + n(d, 2)**2*form([1, 2, 6], 2) &
+         & + n(d, 1)*n(d, 2)*form([1, 2, 6], 6)
+      m = cofactor(:2, 1)*n(d, 1) + cofactor(:2, 2)*n(d, 2)
+      length = m(1)**2 + m(2)**2
+      a = (q(2)*m(1)**2 - 2.0_wp*q(3)*m(1)*m(2) + q(1)*m(2)**2)/length
+      b = ((q(2) - q(1))*m(1)*m(2) + q(3)*(m(1)**2 - m(2)**2))/length
+      stiff = (q(1)*m(1)**2 + 2.0_wp*q(3)*m(1)*m(2) + q(2)*m(2)**2)/length
+      least = a - b**2/(stiff - a)
+      least = a - b**2/(stiff - least)
+      least = a - b**2/(stiff - least)
+      least = merge(least, lower(q(1), q(3), q(2)), stiff - a > apart*abs(b))
+      value(d) = merge(a, least, rigid)
    end do
-end function smallest
+end subroutine plane_values
+
+!> The same in 3D
+pure subroutine solid_values(form, n, cofactor, rigid, value)
+   real(wp), intent(in) :: form(6, 6)
+   real(wp), intent(in) :: n(:, :)
+   real(wp), intent(in) :: cofactor(3, 3)
+   logical, intent(in) :: rigid
+   real(wp), intent(out) :: value(:)
+   !> A direction, that of the motion that changes the volume, unit vectors across it, and their
+   !> products with Q
+   real(wp), dimension(3) :: m, u, v, qu, qv, e
+   real(wp) :: p(6), q(6), a, b, c, stiff, side, share, least, couple(2)
+   real(wp) :: excess(size(value)), free
+   integer :: d
+
+   free = merge(0.0_wp, 1.0_wp, rigid)
+   do d = 1, size(value)
+      p = [n(d, 1)**2, n(d, 2)**2, n(d, 3)**2, n(d, 2)*n(d, 3), n(d, 1)*n(d, 3), n(d, 1)*n(d, 2)]
+      q = form(:, 1)*p(1) + form(:, 2)*p(2) + form(:, 3)*p(3) + form(:, 4)*p(4) + form(:, 5)*p(5) &
+         & + form(:, 6)*p(6)
+      m = cofactor(:, 1)*n(d, 1) + cofactor(:, 2)*n(d, 2) + cofactor(:, 3)*n(d, 3)
+      m = m/sqrt(m(1)**2 + m(2)**2 + m(3)**2)
+      side = sign(1.0_wp, m(3))
+      share = -1.0_wp/(side + m(3))
+      u = [1.0_wp + side*share*m(1)**2, side*share*m(1)*m(2), -side*m(1)]
+      v = [share*m(1)*m(2), side + share*m(2)**2, -m(2)]
+      qu = [q(1)*u(1) + q(6)*u(2) + q(5)*u(3), q(6)*u(1) + q(2)*u(2) + q(4)*u(3), &
+         & q(5)*u(1) + q(4)*u(2) + q(3)*u(3)]
+      qv = [q(1)*v(1) + q(6)*v(2) + q(5)*v(3), q(6)*v(1) + q(2)*v(2) + q(4)*v(3), &
+         & q(5)*v(1) + q(4)*v(2) + q(3)*v(3)]
+      a = u(1)*qu(1) + u(2)*qu(2) + u(3)*qu(3)
+      b = u(1)*qv(1) + u(2)*qv(2) + u(3)*qv(3)
+      c = v(1)*qv(1) + v(2)*qv(2) + v(3)*qv(3)
+      couple(1) = m(1)*qu(1) + m(2)*qu(2) + m(3)*qu(3)
+      couple(2) = m(1)*qv(1) + m(2)*qv(2) + m(3)*qv(3)
+      stiff = q(1) + q(2) + q(3) - a - c
+      least = lower(a, b, c)
+      excess(d) = (stiff - least)*abs(stiff - least) - apart**2*(couple(1)**2 + couple(2)**2)
+      ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
+      couple = free*couple
+      share = 1.0_wp/(stiff - least)
+      least = lower(a - share*couple(1)**2, b - share*couple(1)*couple(2), c - share*couple(2)**2)
+      share = 1.0_wp/(stiff - least)
+      least = lower(a - share*couple(1)**2, b - share*couple(1)*couple(2), c - share*couple(2)**2)
+      share = 1.0_wp/(stiff - least)
+      least = lower(a - share*couple(1)**2, b - share*couple(1)*couple(2), c - share*couple(2)**2)
+      value(d) = least
+   end do
+   if (rigid .or. all(excess > 0.0_wp)) return
+   do d = 1, size(value)
+      if (excess(d) > 0.0_wp) cycle
+      q = matmul(form, [n(d, 1)**2, n(d, 2)**2, n(d, 3)**2, n(d, 2)*n(d, 3), n(d, 1)*n(d, 3), &
+         & n(d, 1)*n(d, 2)])
+      e = principal_values(reshape(q([1, 6, 5, 6, 2, 4, 5, 4, 3]), [3, 3]))
+      value(d) = e(3)
+   end do
+end subroutine solid_values
 
 !> Smaller eigenvalue of a symmetric 2x2 matrix
 pure real(wp) function lower(a, b, c)
