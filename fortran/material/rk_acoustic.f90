@@ -26,6 +26,8 @@ module rk_acoustic
    !> Three fixed-point steps eliminate the motion that changes the volume, if its stiffness exceeds
    !> the others by this multiple of the coupling
    real(wp), parameter :: apart = 3.0_wp
+   !> Least difference there, relative to the stiffnesses: nothing divides by zero [-]
+   real(wp), parameter :: slight = 1.0e-12_wp
    !> The first directions: around in the plane, along a Fibonacci spiral over the half sphere
    integer :: d
    real(wp), parameter :: around(in_plane) = [(pi*(d - 1)/in_plane, d=1, in_plane)]
@@ -132,7 +134,7 @@ pure function products_form(c4) result(form)
 end function products_form
 
 !> Smallest eigenvalue of the acoustic tensor of some directions in 2D, where one motion keeps the
-!> volume; the loop runs over the directions, so that processors take several at a time
+!> volume
 pure subroutine plane_values(form, n, cofactor, rigid, value)
    !> Acoustic tensor in terms of the products of a direction's components [stress]
    real(wp), intent(in) :: form(6, 6)
@@ -144,7 +146,7 @@ pure subroutine plane_values(form, n, cofactor, rigid, value)
    logical, intent(in) :: rigid
    !> Eigenvalues, shape (directions) [stress]
    real(wp), intent(out) :: value(:)
-   real(wp) :: q(3), m(2), length, a, b, stiff, least
+   real(wp) :: q(3), m(2), length, a, b, stiff, least, gap
    integer :: d
 
    do d = 1, size(value)
@@ -155,15 +157,16 @@ pure subroutine plane_values(form, n, cofactor, rigid, value)
       a = (q(2)*m(1)**2 - 2.0_wp*q(3)*m(1)*m(2) + q(1)*m(2)**2)/length
       b = ((q(2) - q(1))*m(1)*m(2) + q(3)*(m(1)**2 - m(2)**2))/length
       stiff = (q(1)*m(1)**2 + 2.0_wp*q(3)*m(1)*m(2) + q(2)*m(2)**2)/length
-      least = a - b**2/(stiff - a)
-      least = a - b**2/(stiff - least)
-      least = a - b**2/(stiff - least)
+      gap = slight*(abs(stiff) + abs(a)) + tiny(1.0_wp)
+      least = a - b**2/max(stiff - a, gap)
+      least = a - b**2/max(stiff - least, gap)
+      least = a - b**2/max(stiff - least, gap)
       least = merge(least, lower(q(1), q(3), q(2)), stiff - a > apart*abs(b))
       value(d) = merge(a, least, rigid)
    end do
 end subroutine plane_values
 
-!> The same in 3D
+!> The same in 3D; the loop is written so that processors take several directions at a time
 pure subroutine solid_values(form, n, cofactor, rigid, value)
    real(wp), intent(in) :: form(6, 6)
    real(wp), intent(in) :: n(:, :)
@@ -173,7 +176,7 @@ pure subroutine solid_values(form, n, cofactor, rigid, value)
    !> A direction, that of the motion that changes the volume, unit vectors across it, and their
    !> products with Q
    real(wp), dimension(3) :: m, u, v, qu, qv, e
-   real(wp) :: p(6), q(6), a, b, c, stiff, side, share, least, couple(2)
+   real(wp) :: p(6), q(6), a, b, c, stiff, side, share, least, gap, couple(2)
    real(wp) :: excess(size(value)), free
    integer :: d
 
@@ -199,14 +202,14 @@ pure subroutine solid_values(form, n, cofactor, rigid, value)
       couple(2) = m(1)*qv(1) + m(2)*qv(2) + m(3)*qv(3)
       stiff = q(1) + q(2) + q(3) - a - c
       least = lower(a, b, c)
+      gap = slight*(abs(stiff) + abs(a) + abs(c)) + tiny(1.0_wp)
       excess(d) = (stiff - least)*abs(stiff - least) - apart**2*(couple(1)**2 + couple(2)**2)
       ! elimination keeps the digits of shear beside a bulk modulus 1e8 times as large
-      couple = free*couple
-      share = 1.0_wp/(stiff - least)
+      share = free/max(stiff - least, gap)
       least = lower(a - share*couple(1)**2, b - share*couple(1)*couple(2), c - share*couple(2)**2)
-      share = 1.0_wp/(stiff - least)
+      share = free/max(stiff - least, gap)
       least = lower(a - share*couple(1)**2, b - share*couple(1)*couple(2), c - share*couple(2)**2)
-      share = 1.0_wp/(stiff - least)
+      share = free/max(stiff - least, gap)
       least = lower(a - share*couple(1)**2, b - share*couple(1)*couple(2), c - share*couple(2)**2)
       value(d) = least
    end do
