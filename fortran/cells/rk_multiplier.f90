@@ -33,7 +33,7 @@ module rk_multiplier
       !> Norm of the unknowns if every pressure equals the shear modulus [length]
       real(wp) :: extent = 0.0_wp
    contains
-      procedure :: pressure, set_rows, set_stiffness, from_rows, to_unknowns
+      procedure :: pressure, set_rows, set_stiffness, set_idle, from_rows, to_unknowns
    end type multiplier_type
 
 contains
@@ -112,15 +112,28 @@ pure subroutine set_stiffness(self, g, volume, part)
    real(wp), intent(in) :: volume(:, :)
    !> Upper triangle of the stiffness, shape (nd*members, nd*members) [force/length]
    real(wp), intent(inout) :: part(:, :)
-   integer :: b, k, o
+   integer :: b, o
 
    b = size(volume, 2)
    o = size(part, 1) - blocks*self%nd
    part(:o, o + 1:o + b) = self%scale(g)*volume(:o, :)
-   do k = o + b + 1, size(part, 1)
+   call self%set_idle(g, b, part)
+end subroutine set_stiffness
+
+!> Stiffness of the unknowns of the blocks of a group that are not used
+pure subroutine set_idle(self, g, b, part)
+   class(multiplier_type), intent(in) :: self
+   integer, intent(in) :: g
+   !> Number of unknowns that are used
+   integer, intent(in) :: b
+   !> Upper triangle of the stiffness, shape (nd*members, nd*members) [force/length]
+   real(wp), intent(inout) :: part(:, :)
+   integer :: k
+
+   do k = size(part, 1) - blocks*self%nd + b + 1, size(part, 1)
       part(k, k) = self%idle(g)
    end do
-end subroutine set_stiffness
+end subroutine set_idle
 
 !> Prescribed changes of volume from the right-hand sides of the blocks; zero for other groups
 pure subroutine from_rows(self, rows, volume)

@@ -156,7 +156,7 @@ subroutine find_named_set(cloud, deck, key, name, set, error)
       known = known//trim(cloud%set_names(i))
    end do
    call deck%get('geometry.kind', body)
-   call deck%complain(key, "'"//trim(name)//"' is not a side of this "//body//'; there are ' &
+   call deck%complain(key, "'"//trim(name)//"' is not a side of this "//body//', which has only: ' &
       & //known, error)
 end subroutine find_named_set
 

@@ -13,6 +13,7 @@ module rk_verdict
    use rk_discretisation, only : deformation, discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type
+   use rk_gaps, only : find_gaps
    use rk_precision, only : wp
    use rk_probes, only : quantity_kind, pressed_volume
    use rk_recorder, only : recorder_type
@@ -69,10 +70,12 @@ module rk_verdict
    !> and may be right where J at points is not: users of the field are warned, and the error bar of
    !> a probe of J includes it
    real(wp), parameter :: of_point_volume = 0.05_wp
+   !> Share of the surface at narrow gaps from which on they matter [-]
+   real(wp), parameter :: least_gaps = 0.01_wp
    !> Why a state is doubtful if its tangent is not positive definite
    character(len=*), parameter :: unstable = 'the equilibrium is unstable, its tangent is not ' &
-      & //'positive definite: a small disturbance takes the body to another state; use more ' &
-      & //'load.steps, reduce the load or constrain the body'
+      & //'positive definite: a small disturbance takes the body to another state; add a small ' &
+      & //'transverse load and load.steps to get there, reduce the load or constrain the body'
 
    !> Verdict with its reasons and the error bars
    type :: verdict_type
@@ -151,6 +154,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
          & //'points and may be too stiff across its thickness')
       self%curable = .true.
    end if
+   call judge_gaps(self, problem%scene%cloud)
    call judge_broken(self, problem, off, outcome)
    ! the run has already warned of this
    if (allocated(outcome%lost)) call judge_lost(self, problem, outcome)
@@ -410,6 +414,20 @@ subroutine describe_broken(problem, outcome, text)
    text = text//extent//'; values there are meaningless, ' &
       & //'use more points there'
 end subroutine describe_broken
+
+!> Gaps of the body that shape functions bridge
+subroutine judge_gaps(self, cloud)
+   type(verdict_type), intent(inout) :: self
+   type(cloud_type), intent(in) :: cloud
+   real(wp) :: share, place(3)
+
+   call find_gaps(cloud, share, place)
+   if (share < least_gaps) return
+   call self%object(doubtful, to_text(100.0_wp*share, 2)//' % of the surface faces another part ' &
+      & //'of the body across a gap narrower than 1.5 spacings of the source points, for example ' &
+      & //'near '//to_text(place)//': the shape functions join the two parts; fill the gap with ' &
+      & //'a material, or use finer points (build.source_stride, geometry.blocks)')
+end subroutine judge_gaps
 
 !> Places of output where the material has lost its ellipticity
 subroutine judge_lost(self, problem, outcome)

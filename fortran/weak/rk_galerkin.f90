@@ -88,6 +88,9 @@ module rk_galerkin
       !> Tangents also resist volume changes within groups of cells, to distinguish negative
       !> eigenvalues of the material from those of its pressures
       logical, private :: resists = .false.
+      !> Tangents resist volume changes by a penalty where pressures are unknowns: such a tangent is
+      !> positive definite if the equilibrium is stable
+      logical, private :: penalised = .false.
    contains
       procedure :: start, assemble, is_unstable, state, at_place, strain_energy, set_force
       procedure :: set_displacement, section_force, set_point_loads, inner_forces
@@ -96,6 +99,8 @@ module rk_galerkin
 
    !> Source points across four groups of two spacings each, the least for curvature in boxes
    integer, parameter :: least_across = 9
+   !> That penalty relative to the shear modulus [-]
+   real(wp), parameter :: firm = 1.0e4_wp
 
 contains
 
@@ -295,7 +300,7 @@ subroutine start(self, x, load, iteration)
 end subroutine start
 
 !> Whether an equilibrium is unstable. The tangent of a stable one is positive definite, except with
-!> pressures as unknowns or that follow a free rim: false there.
+!> pressures that follow a free rim: false there, and if the tangent is not formed.
 logical function is_unstable(self, x, load)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -304,20 +309,29 @@ logical function is_unstable(self, x, load)
    real(wp), allocatable :: r(:)
 
    is_unstable = .false.
+   if (.not. self%matrix%formed .or. allocated(self%matrix%skew)) return
    allocate (r(self%m))
    ! no step begins: the last factor is kept
    if (allocated(self%base)) deallocate (self%base)
-   call self%evaluate(x, load, r, seen, tangent=.true.)
-   if (.not. self%matrix%formed .or. self%matrix%indefinite .or. allocated(self%matrix%skew)) return
-   is_unstable = .not. self%matrix%definite()
-   if (self%linear .or. .not. is_unstable) return
-   if (.not. allocated(self%scene%cloud%lattice) .or. has_few_cells(self%scene)) return
-   ! pressures of a group of cells only resist the mean volume change and its slopes: under large
-   ! compression parts of a free face may exchange volume, which is not physical
-   self%resists = .true.
-   call self%evaluate(x, load, r, seen, tangent=.true.)
-   self%resists = .false.
-   is_unstable = .not. self%matrix%definite()
+   self%penalised = self%matrix%indefinite
+   is_unstable = .not. is_definite()
+   if (is_unstable .and. .not. self%linear .and. allocated(self%scene%cloud%lattice)) then
+      ! pressures of a group of cells resist the mean volume change and its slopes only: under large
+      ! compression parts of a free face may exchange volume, which no real body does
+      self%resists = .not. has_few_cells(self%scene)
+      if (self%resists) is_unstable = .not. is_definite()
+      self%resists = .false.
+   end if
+   self%penalised = .false.
+
+contains
+
+   !> Whether the tangent is positive definite
+   logical function is_definite()
+      call self%evaluate(x, load, r, seen, tangent=.true.)
+      is_definite = self%matrix%definite()
+   end function is_definite
+
 end function is_unstable
 
 !> Residual (4.31), internal less external forces, and where wanted the tangent (4.32): a sum over
@@ -403,9 +417,9 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: force(:, :)
    !> Upper triangle of the stiffness, shape (fields*members, fields*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
-   real(wp), allocatable :: c4(:, :, :, :, :), volume(:, :), work(:, :, :)
+   real(wp), allocatable :: bulk(:), c4(:, :, :, :, :), volume(:, :), work(:, :, :)
    real(wp) :: basis(4), h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own
-   real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1)), within, taken
+   real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1)), within, taken, resistance
    integer :: fields, nc, nd, n, q, o, i, k, members, b
    logical :: formed, jumps, stacked
 
@@ -435,8 +449,14 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    jump = 0.0_wp
    within = 0.0_wp
    taken = 0.0_wp
-   if (self%resists) taken = minval([(bulk_within(self%mixture, nc + o + q, &
-      & judged_share)/self%mixture%bulk_at_one_pressure(nc + o + q), q=1, n)])
+   resistance = self%bulk(g)
+   if (self%penalised .and. self%multiplier%free(g)) resistance = firm &
+      & *maxval([(self%mixture%shear_modulus(nc + o + q, at%f(:, :, o + q)), q=1, n)])
+   if (self%resists) then
+      bulk = [(self%mixture%bulk_at_one_pressure(nc + o + q), q=1, n)]
+      if (self%multiplier%free(g)) bulk = resistance
+      taken = minval([(bulk_within(self%mixture, nc + o + q, judged_share), q=1, n)]/bulk)
+   end if
    if (tangent .or. jumps) then
       linear = at%pressure(:, g)
       if (self%matrix%pressures%carrying .and. .not. self%multiplier%free(g)) then
@@ -461,7 +481,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
             call self%mixture%stress(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
             if (.not. self%linear) call add_cross_form(own &
                & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
-            if (self%resists) within = taken*self%mixture%bulk_at_one_pressure(nc + o + q)
+            if (self%resists) within = taken*bulk(q)
             do k = 1, nd
                do i = 1, fields
                   c4(:, :, i, k, q) = self%cells%weight(o + q)*(c4(:, :, i, k, q) &
@@ -503,12 +523,13 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
       call self%matrix%keep_group(g, self%bulk(g), c4, at%pressure(:, g), jump)
       return
    end if
-   if (self%multiplier%free(g)) then
+   if (self%multiplier%free(g) .and. .not. self%penalised) then
       part = 0.0_wp
       call self%multiplier%set_stiffness(g, volume, part)
    else
-      call dsyrk('u', 'n', fields*members, b, (1.0_wp - taken)*self%bulk(g), volume, &
+      call dsyrk('u', 'n', fields*members, b, (1.0_wp - taken)*resistance, volume, &
          & fields*members, 0.0_wp, part, fields*members)
+      if (self%multiplier%free(g)) call self%multiplier%set_idle(g, 0, part)
    end if
    call self%gradient%add_stiffness(o, c4, part)
 end subroutine group_part

@@ -603,7 +603,7 @@ _COMMANDS = {
         "check a deck: tangent, material curves, fibers, balance, restart",
         "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
         (*_DECK, _flag("--quick", "skip the checks that solve the deck")),
-        "put check.json there", "",
+        "folder of check.json, in which the model file is looked for first", "out/<deck>",
     ),
     "new": _Command(
         _call("stations.new:new_deck", "deck: {found}", "kind", "output"),
@@ -633,7 +633,11 @@ def _parser() -> argparse.ArgumentParser:
     )  # fmt: skip
     common = argparse.ArgumentParser(add_help=False)
     common.add_argument(
-        "--threads", type=_THREADS, metavar="N", help="number of threads; default all cores"
+        "-t",
+        "--threads",
+        type=_THREADS,
+        metavar="N",
+        help="number of threads; default all cores",
     )
     loudness = common.add_mutually_exclusive_group()
     for names, value, what in (
@@ -656,7 +660,9 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(run=run, default_out=default if out else "")
         if out:
             place = f"{out}; default {default}" if default else out
-            command.add_argument("--out", type=_folder, metavar="DIR", help=place)
+            taken = any("-o" in own for own, _ in options)
+            names = ["--out"] if taken else ["-o", "--out"]
+            command.add_argument(*names, type=_folder, metavar="DIR", help=place)
         for own, settings in options:
             given = {key: v for key, v in settings.items() if v is not None}
             command.add_argument(*own, **given)

@@ -286,7 +286,7 @@ class Results(AbstractContextManager["Results"]):
         if name not in names:
             raise InputError(
                 f"{self.path.parent / 'summary.json'}: no probe {name!r}; "
-                f"there are {', '.join(sorted(names)) or 'none'}"
+                f"its probes: {', '.join(sorted(names)) or 'none'}"
             )
         rows = [(step["load"], step["probes"][name]) for step in steps if name in step["probes"]]
         return (

@@ -161,7 +161,7 @@ def test_summary_beside_the_results(sample: Path, tmp_path: Path) -> None:
         loads, values = results.probe("f")
         assert_array_equal(loads, [0.5, 1.0])
         assert_array_equal(values, [[1, 2, 3], [4, 5, 6]])
-        refuses("no probe 'start'; there are", results.probe, "start")
+        refuses("no probe 'start'; its probes:", results.probe, "start")
         table = results.history()
     assert list(table.index) == [1, 2] and list(table["load"]) == [0.5, 1.0]
     assert list(table["f_z"]) == [3, 6]

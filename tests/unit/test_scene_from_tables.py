@@ -182,7 +182,7 @@ MARKED = scene(
 )  # fmt: skip
 #: Collocation locks in this block, which is refused
 RIGHT = ("scene.method=rkpm-gauss", "approximation.order=1", "approximation.support=2")
-SIDES = "is not a side of this box; there are x0, x1, y0, y1, z0, z1"
+SIDES = "is not a side of this box, which has only: x0, x1, y0, y1, z0, z1"
 
 Write = Callable[[dict[str, Any]], Path]
 
@@ -246,7 +246,7 @@ def test_annulus(inputs: Path) -> None:
         "geometry.outer_radius=5": "must be greater than inner_radius = 6, not 5",
         "probe.radial_stress.point=[1,1]": "probe.radial_stress.point: (1, 1) lies outside the ann",
         "probe.radial_stress.point=[-0.1,7]": "(-0.1, 7) lies outside the annulus",
-        "boundary.x0.set=z0": "'z0' is not a side of this annulus; there are inner, outer, x0",
+        "boundary.x0.set=z0": "'z0' is not a side of this annulus, which has only: inner, outer",
     }.items():
         assert any(message in line for line in complaints(inputs / "tube.toml", override)), override
 

@@ -263,7 +263,7 @@ def pulled(*material: dict[str, Any]) -> dict[str, Any]:
         ([SIDE, {"name": "b", "side": "pad"}], {}, "is not a side, but another"),
         ([SIDE | {"where": "1/(x - 0.5)"}], {}, "is not finite at (0.5, 0)"),
         ([SIDE | {"where": "ny < -0.7"}], {}, "no place of the surface lies in it; coordinates ar"),
-        ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box; there are x0, x1, y0"),
+        ([SIDE], {"set": "pda", "u_x": 0}, "'pda' is not a side of this box, which has only: x0"),
         ([SIDE], {"set": "y0", "u_x": 0}, "is already used"),
         ([HALF], {"set": "pad", "u_x": 0.1},
          "y0 and pad overlap and prescribe two displacements, 0 and 0.1, for component 1"),

@@ -51,7 +51,7 @@ class Damage(NamedTuple):
         plural = len(self.slices) > 1
         return (
             f"{name}: slice{'s' * plural} {numbers} (counted from 0) {'have' if plural else 'has'} "
-            f"{self.why}: leave {'them' if plural else 'it'} out of all images, or measure again"
+            f"{self.why}: remove {'them' if plural else 'it'} from all images, or repeat the scan"
         )
 
 

@@ -81,7 +81,7 @@ def read_labels(path: Path, note: ProgressCallback = silent) -> Labels:
     if data.dtype.kind == "f":
         unknown = np.isnan(data)
         if unknown.any():
-            note(f"{path}: {int(unknown.sum())} voxels are not a number and count as background")
+            note(f"{path}: {int(unknown.sum())} voxels are not numbers and become background")
         whole = np.rint(np.where(unknown, 0.0, data))
         with np.errstate(invalid="ignore"):
             broken = np.argwhere(~unknown & ~(np.abs(data - whole) < _WHOLE))
@@ -90,7 +90,7 @@ def read_labels(path: Path, note: ProgressCallback = silent) -> Labels:
             raise InputError(
                 f"{path}: a label map must contain integers, but {len(broken)} voxels contain "
                 f"other values, the first is {data[first]:.10g} in voxel {first}; threshold a "
-                "probability map before"
+                "probability map first"
             )
         data = whole
     if data.min() < 0:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.console import ProgressCallback, silent
-from myork.core.deck import load_deck, step_count
+from myork.core.deck import load_deck, step_count, table_defaults
 from myork.core.scene import Scene
 from myork.core.states import Fields, States
 from myork.errors import InputError
@@ -86,7 +86,7 @@ def _solved(scene: Scene, progress: ProgressCallback) -> tuple[States, float]:
 def _with_steps(
     deck: str | Path | Mapping[str, Any], overrides: Sequence[str], progress: ProgressCallback
 ) -> Sequence[str]:
-    """Overrides: a state for each mode of a single load step, the penalty without given points."""
+    """Overrides: as many states as modes, the penalty without given points."""
     tables = load_deck(deck, overrides, "rom")
     source = tables.get("geometry", {}).get("source")
     if source and tables.get("galerkin", {}).get("essential") == "transformation":
@@ -94,9 +94,15 @@ def _with_steps(
         if said["galerkin"]["essential"] == "penalty":
             # exact prescription is only the default for unspecified points; modes need the penalty
             overrides = [*overrides, override_text("galerkin.essential", "penalty")]
-    if "load" not in tables or step_count(tables) == tables["load"]["steps"]:
+    if "load" not in tables:
         return overrides
-    steps, wanted = step_count(tables), max(tables["rom"]["modes"])
+    steps, modes = step_count(tables), tables["rom"]["modes"]
+    wanted = max(modes)
+    if steps == tables["load"]["steps"]:
+        if modes != table_defaults("rom")["modes"] or wanted <= steps:
+            return overrides
+        progress(f"rom.modes: {steps} load steps give at most {steps} modes")
+        return [*overrides, override_text("rom.modes", sorted({min(n, steps) for n in modes}))]
     progress(
         f"rom.modes: one load step gives one snapshot, but {wanted} modes are requested: "
         f"using {steps} steps"

@@ -138,7 +138,7 @@ def _fibers(deck: dict[str, Any], folder: Path, out: Path | None) -> tuple[bool 
         without = [m["name"] for m in muscles if not ("fiber" in m or "fiber_angle" in m)]
         if without:
             return False, f"no fibers of {', '.join(without)}: its active stress has no direction"
-        return True, "one direction a muscle"
+        return True, "one direction per muscle"
     labels = {m.get("label") for m in muscles if not ("fiber" in m or "fiber_angle" in m)}
     of = np.ones(len(cloud.label), bool) if None in labels else np.isin(cloud.label, list(labels))
     if not of.any():
@@ -174,4 +174,4 @@ def _restart(
     with Scene(deck, [*overrides, "load.steps=1"], out, threads=1) as scene:
         again = scene.solve(start=last, error=False).x[-1]
     change = np.linalg.norm(again - last) / max(np.linalg.norm(last), 1e-300)
-    return bool(change < 1e-4), f"from the last state the answer moves by {change:.1e}"
+    return bool(change < 1e-4), f"restarting from the last state changes the answer by {change:.1e}"
