@@ -77,9 +77,9 @@ module rk_bars
    real(wp), parameter :: factor_layers = 2.0_wp, factor_between = 3.0_wp
    !> Error that the border of a part of a side leaves if displacements are prescribed there, for
    !> forces and for others, relative to the spacing over the width of the part: it alternates with
-   !> the position of the border in its cell, and two solutions agree by chance. Of 50 forces of
-   !> random pads 33 bars contained the error without it, 48 with it; of 100 displacements 83 and 95
-   real(wp), parameter :: of_border(2) = [0.1_wp, 0.025_wp]
+   !> the position of the border in its cell, and two solutions agree by chance. Of 50 forces on
+   !> random pads 33 bars contained the error without it, 50 with it, of 40 others 38
+   real(wp), parameter :: of_border(2) = [0.2_wp, 0.03_wp]
    !> Collocation against the weak form: 94 % of 388, 2.0 times the error
    real(wp), parameter :: factor_forms = 2.0_wp
    !> Least bar, relative to the size and to the value, for a component to its vector or tensor, so

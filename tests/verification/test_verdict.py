@@ -202,14 +202,17 @@ def test_foam_that_is_pressed_between_rollers_stays_elliptic(bulk: float) -> Non
         ((5, 5, 5), 0.4, False), ((6, 5, 6), 0.4, False), ((6, 6, 6), 0.54, True),
     ],
 )  # fmt: skip
-def test_a_block_between_rollers_is_stable_up_to_the_stretch_of_biot(points, pressed, unstable):
+@pytest.mark.parametrize("bulk", [33.0, np.inf])
+def test_a_block_between_rollers_is_stable_up_to_the_stretch_of_biot(
+    points, pressed, unstable, bulk
+):
     """Wrinkles of a free face grow below the stretch .544 in the plane (Biot 1963,
     doi:10.1007/BF03184638); in space four quadratic finite elements per edge have a negative
     eigenvalue from .525 on. Pressures of groups alone have one at .6 in the plane, at .7 in space.
     """
     nd, last = len(points), "xyz"[len(points) - 1]
     tables = scene(
-        "rkpm-gauss", box(*points), material=[neo(1.0, 33.0)],
+        "rkpm-gauss", box(*points), material=[neo(1.0, bulk)],
         boundary=[*scenes.PLANES[:nd], {"set": f"{last}1", f"u_{last}": -pressed}],
         probe=probes("bulge u_x 1" + " 0.5" * (nd - 1)),
     )  # fmt: skip
@@ -238,6 +241,45 @@ def test_columns_of_few_cells_are_not_accepted_beyond_their_load(points, size, l
     states, _ = solved(tables)
     assert any("equilibrium is unstable" in reason for reason in states.reasons) is seen
     assert states.verdict == ("doubtful" if seen else "accepted")
+
+
+@pytest.mark.parametrize(("gap", "stride", "doubted"), [(1, 2, True), (2, 2, True), (3, 2, False)])
+def test_gaps_that_shape_functions_bridge_are_doubted(gap: int, stride: int, doubted: bool) -> None:
+    """Two beams with a slit between them bend like one 4.6 times as stiff where a spacing is as
+    wide as the slit. A hole around which the body is whole is no such gap.
+    """
+    data = np.ones((12 + gap, 8, 24))
+    data[2, 4, 10] = 0
+    for slit in (False, True):
+        data[6 : 6 + gap] = 1 - slit
+        tables = scene(
+            "rkpm-gauss", {"kind": "model"}, material=[neo(1.0, 100.0, label=1)],
+            boundary=[held("bottom", 3), {"set": "top", "traction": [1e-5, 0, 0]}],
+            probe=probes("tip u_x top"),
+        )  # fmt: skip
+        points = scenes.voxels(data, source_stride=[stride, 2, 4])
+        with Scene.from_tables(tables, points) as opened:
+            reasons = opened.solve().reasons
+        assert any("across a gap" in reason for reason in reasons) is (slit and doubted)
+
+
+@pytest.mark.parametrize("border", [2.63, 2.2, 1.41])
+def test_bars_contain_the_error_of_a_border_between_points(border: float) -> None:
+    """A side pressed up to a border anywhere in a cell: forces alternate with its position."""
+    pad = {"name": "pad", "side": "y1", "where": f"x > {border}"}
+    forces, bars = [], []
+    for n in (8, 16, 52, 56):
+        tables = scene(
+            "rkpm-gauss", box(2 * n + 1, n + 1, size=[4, 2]), material=[neo(0.5, 20.0)], set=[pad],
+            boundary=[held("y0", 2), {"set": "pad", "u_y": -0.2}], probe=probes("F force_y pad"),
+        )  # fmt: skip
+        states, found = solved(tables)
+        forces.append(found.last()["F"])
+        bars.append(found.bars["F"][-1, 0])
+    # half of the difference between the fine ones is the uncertainty of their mean
+    truth, off = np.mean(forces[2:]), abs(forces[2] - forces[3]) / 2
+    assert (abs(forces[:2] - truth) < np.array(bars[:2]) * 1.2 + off).all()
+    assert bars[1] < 0.06 * abs(truth)
 
 
 def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
