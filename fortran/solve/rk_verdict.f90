@@ -171,9 +171,14 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       text = ''
       if (index(problem%scene%method, 'rkpm') /= 1) text = 'method "rkpm-gauss", whose bars come ' &
          & //'from fewer points, or '
-      self%reasons = self%reasons//'remedy: '//text//'more points (geometry.source; of a model, ' &
-         & //'geometry.blocks or build.source_stride; of a cloud, a denser one; accuracy chooses ' &
-         & //'them where none of these is given)'//new_line('a')
+      if (allocated(problem%scene%cloud%lattice)) then
+         text = text//'more points (geometry.source, or accuracy without it)'
+      else if (allocated(problem%scene%cloud%voxels%index)) then
+         text = text//'more points (geometry.blocks or build.source_stride)'
+      else
+         text = text//'a denser cloud'
+      end if
+      self%reasons = self%reasons//'remedy: '//text//new_line('a')
    end if
 end subroutine judge
 

@@ -68,6 +68,11 @@ def test_one_slice_trailing_axes_and_metres(tmp_path):
     file.header.set_xyzt_units("meter")
     nibabel.save(file, tmp_path / "a.nii")
     np.testing.assert_allclose(read_image(tmp_path / "a.nii").spacing, [1, 1, 5], rtol=1e-6)
+    file.header.set_xyzt_units("unknown")
+    nibabel.save(file, tmp_path / "a.nii")
+    notes = []
+    read_image(tmp_path / "a.nii", note=notes.append)
+    assert "0.002 x 0.002 x 0.01 mm large" in notes[0]
 
 
 def unfinite(path):

@@ -33,6 +33,8 @@ _SPREAD = 0.25
 # sform and qform that differ by more than this part of a voxel are different geometries
 _APART = 0.5
 _TO_MM = {"meter": 1000.0, "micron": 0.001}
+#: Longest edge below which an image without a unit is probably in metres [mm]
+_TINY = 2.0
 
 
 def read_image(path: Path, values: int | None = 1, note: ProgressCallback = silent) -> Image:
@@ -293,6 +295,13 @@ def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarra
         raise FileError(f"{path}: cannot be read: {_said(reason)}") from None
     affine = np.array(file.affine, dtype=float)
     affine[:3] *= _TO_MM.get(unit, 1.0)
+    edges = np.linalg.norm(affine[:3, :3], axis=0) * np.array((*values.shape, 1, 1)[:3])
+    if unit == "unknown" and edges.max() < _TINY:
+        large = " x ".join(f"{edge:.2g}" for edge in edges.tolist())
+        note(
+            f"{path}: the header has no unit of length, and in mm the image is {large} mm large; "
+            "set the metre if that is its unit"
+        )
     shift = _forms_apart(file) * _TO_MM.get(unit, 1.0)
     if shift > _APART * np.linalg.norm(affine[:3, :3], axis=0).min():
         note(
