@@ -661,8 +661,8 @@ def _parser() -> argparse.ArgumentParser:
         if out:
             place = f"{out}; default {default}" if default else out
             taken = any("-o" in own for own, _ in options)
-            names = ["--out"] if taken else ["-o", "--out"]
-            command.add_argument(*names, type=_folder, metavar="DIR", help=place)
+            short = [] if taken else ["-o"]
+            command.add_argument(*short, "--out", type=_folder, metavar="DIR", help=place)
         for own, settings in options:
             given = {key: v for key, v in settings.items() if v is not None}
             command.add_argument(*own, **given)
