@@ -77,17 +77,16 @@ def needed(spec: dict[str, Any]) -> str:
     """Default of a key, or when it is needed."""
     if spec.get("required") and "only_if" not in spec:
         return "needed"
-    words = []
-    if "default" in spec:
-        words.append(f"`{toml_text(spec['default'])}`")
-    words += [
+    words = [
         f"`{toml_text(choice['is'])}` for {condition_text(choice['when'])}"
         for choice in spec.get("default_if", [])
     ]
+    if "default" in spec:
+        words.append(f"{'otherwise ' * bool(words)}`{toml_text(spec['default'])}`")
     if "only_if" in spec:
         need, text = "needed" if spec.get("required") else "only", condition_text(spec["only_if"])
         words.append(f"{need} {text if text.startswith('beside') else 'for ' + text}")
-    return ", ".join(words)
+    return "; ".join(words)
 
 
 def condition_text(conditions: dict[str, list[Any]]) -> str:
@@ -99,6 +98,9 @@ def condition_text(conditions: dict[str, list[Any]]) -> str:
             continue
         if not values:
             parts.append(f"beside {code([key])}")
+            continue
+        if key == "scene.method" and sorted(values) == ["rkpm-gauss", "rkpm-scni"]:
+            parts.append("Galerkin forms")
             continue
         if values == ["none"]:
             parts.append("scenes without `[linear]`")

@@ -41,9 +41,9 @@ EXPRESSIONS = {
 }
 # Facts that deck_form.cpp derives besides the form, for conditions, in words for the reference
 FACTS = {
-    "order_two": "a plane `rkpm-gauss` scene with neither order nor support, of an annulus with 3 "
-    "points or more each way or with a probe of a stress on the surface",
-    "plane_quadratic": "a plane `rkpm-gauss` scene of order 2 without support",
+    "order_two": "plane `rkpm-gauss` scenes that give neither order nor support, if they are annuli "
+    "of at least 3 points each way or have a probe of a stress on the surface",
+    "plane_quadratic": "plane `rkpm-gauss` scenes of order 2 without support",
     "points_chosen": "a deck for whose probes MyoRK chooses source points, without pressures, "
     "tendons, prescribed displacements of parts of sides, `penalty` and `direct_limit`",
     "compared_on_the_way": "a [[reference]] at less than the full load",
