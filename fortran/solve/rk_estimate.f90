@@ -32,8 +32,10 @@ module rk_estimate
       character(len=:), allocatable :: solver
       !> Memory at its peak [byte]
       real(wp) :: bytes = 0.0_wp
-      !> Floating point operations of one least squares solve
+      !> Floating point operations of one solve
       real(wp) :: flops = 0.0_wp
+      !> The factor of a solid serves several iterations
+      logical :: keeps_factor = .false.
    end type estimate_type
 
    !> Iterations of a solve by minimal residuals, as needed by a block of 80,000 points
@@ -189,6 +191,7 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    ! for their stabilisation; the factor, in single precision for solids, otherwise with rows of the
    ! entries
    single = fields == 3 .and. factor <= 1.0_wp
+   self%keeps_factor = single
    self%entries = 0.5_wp*fields**2*self%ns*coupled
    self%bytes = of_libraries + self%places*(self%neighbours*8.0_wp*(self%nd + 1.0_wp) + of_point) &
       & + 4.0_wp*self%nc*self%neighbours &
@@ -200,6 +203,7 @@ subroutine estimate_galerkin(self, deck, method, fields, support, layers)
    ! seven entries per point with their levels and vectors, and the work of an iteration over all
    ! points
    self%solver = 'minres'
+   self%keeps_factor = .false.
    self%bytes = self%places*8.0_wp*(2.0_wp*81.0_wp + self%members*(3.0_wp*self%nd + 2.0_wp)) &
       & + 12.0_wp*self%ns*(coupled + 25.0_wp*self%nd)
    self%entries = 0.0_wp

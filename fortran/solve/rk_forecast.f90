@@ -15,14 +15,17 @@ module rk_forecast
    public :: forecast_solve, forecast_bars
 
    !> Iterations of a run and of each further load step, as needed by the decks in inputs
-   real(wp), parameter :: first_iterations = 3.0_wp, step_iterations = 3.0_wp
+   real(wp), parameter :: first_iterations = 2.0_wp, step_iterations = 3.0_wp
+   !> Factorisations of the first and of each further load step of a solid, and what its iterations
+   !> with them cost, in factorisations
+   real(wp), parameter :: first_factors = 2.0_wp, step_factors = 1.0_wp
    !> Integration points along each direction of a cell for the error against a known solution
    integer, parameter :: norm_rule = 5
    !> Cost of a count in operations of a matrix product, fitted to the CPU times of eleven decks:
    !> shape functions, assembly, factor of a tangent, least squares, entries of a tangent, fields of
    !> a state, error norms, an iteration or time step, start
-   real(wp), parameter :: price(9) = [700.0_wp, 1000.0_wp, 0.85_wp, 1.4_wp, 1900.0_wp, 2.4e5_wp, &
-      & 1400.0_wp, 1.0e8_wp, 1.0e9_wp]
+   real(wp), parameter :: price(9) = [440.0_wp, 620.0_wp, 0.53_wp, 1.4_wp, 1200.0_wp, 1.5e5_wp, &
+      & 1400.0_wp, 6.0e7_wp, 6.0e8_wp]
 
 contains
 
@@ -43,7 +46,8 @@ real(wp) function forecast_solve(scene, cost) result(operations)
    end if
    counts(1) = (cost%places + cost%nc)*cost%members*basis_size(nd, scene%approximation%order)
    counts(2) = iterations*cost%places*cost%members*nd
-   counts(merge(3, 4, index(scene%method, 'rkpm') == 1)) = iterations*cost%flops
+   counts(merge(3, 4, index(scene%method, 'rkpm') == 1)) = merge(first_factors &
+      & + step_factors*steps, iterations, cost%keeps_factor)*cost%flops
    counts(5) = iterations*cost%entries
    counts(6) = steps*cost%nc*nd**2
    counts(8) = max(iterations, steps)
