@@ -1,6 +1,8 @@
 // Overrides "table.key=value", as given by --set on the command line.
 #include "deck.h"
 
+#include <regex>
+
 namespace rk {
 
 static std::string trim(const std::string &text) {
@@ -10,11 +12,18 @@ static std::string trim(const std::string &text) {
    return text.substr(first, text.find_last_not_of(" \t\r\n") - first + 1);
 }
 
+// Numbers such as .5 with the zero that TOML needs
+static std::string with_zeros(const std::string &text) {
+   return std::regex_replace(text, std::regex("(^|[^0-9])\\.([0-9])"), "$010.$2");
+}
+
 // A TOML value if it is one; a plain word, or anything for a key of type text, is kept verbatim
 static Value read_value(const std::string &text, const KeySpec &key) {
    std::optional<Value> value = parse_value(text);
    const bool wants_text =
        key.type == Type::text && !(key.or_number && value && value->is_number());
+   if (!value && key.type != Type::text)
+      value = parse_value(with_zeros(text));
    if (value && (!wants_text || value->kind == Value::Kind::text))
       return *value;
    return Value(text);

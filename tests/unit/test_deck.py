@@ -151,6 +151,7 @@ def test_texts_and_numbers_survive(write: Write, monkeypatch: pytest.MonkeyPatch
     ("approximation.support=4", ("approximation", "support"), [4.0, 4.0, 4.0]),
     ("material.2.K=1", ("material", 1, "K"), 1.0),
     ("probe.mid.point=[0,0,0]", ("probe", 0, "point"), [0.0, 0.0, 0.0]),
+    ("probe.mid.point=[-.5,1.0,.25]", ("probe", 0, "point"), [-0.5, 1.0, 0.25]),
     ("rom.modes=[3]", ("rom", "modes"), [3]),
     ("material.fat.K=inf", ("material", 1, "K"), float("inf")),
 ])  # fmt: skip
