@@ -443,10 +443,11 @@ subroutine judge_lost(self, problem, outcome)
    logical, allocatable :: lost(:)
    character(len=:), allocatable :: found
 
-   lost = outcome%lost_last
    if (outcome%judged < size(outcome%load)) then
       call find_ellipticity(problem, outcome%peak, worst)
-      lost = worst%lost
+      allocate (lost, source=worst%lost)
+   else
+      allocate (lost, source=outcome%lost_last)
    end if
    call get_extent(problem, lost, found)
    found = outcome%lost//found
