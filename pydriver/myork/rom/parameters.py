@@ -80,7 +80,8 @@ def grid_in(item: str) -> tuple[str, F64]:
         raise InputError(
             f"--vary {item}: N must be a whole number from 1 to {_MOST_VALUES:,}, not {count:g}"
         )
-    return key, np.linspace(low, high, int(count))
+    # 0.1, and not the number next to it
+    return key, np.array([float(f"{value:.15g}") for value in np.linspace(low, high, int(count))])
 
 
 def numbers_of(items: Sequence[str]) -> dict[str, float]:
