@@ -123,8 +123,13 @@ subroutine solve_sparse(kept, n, start, row, value, definite, error, b, x, rcond
    integer(c_int) :: stat
 
    call hold_threads(threads)
-   stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rough, &
-      & kept%handle)
+   if (present(b)) then
+      stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), b, x, rough, &
+         & kept%handle)
+   else
+      stat = rk_sparse_direct(int(n, i8), start, row, value, merge(1, 0, definite), rcond=rough, &
+         & kept=kept%handle)
+   end if
    call release_threads(threads)
    if (present(rcond)) rcond = rough
    call complain(stat, error)

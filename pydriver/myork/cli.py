@@ -74,7 +74,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if result:
             say(result)
     except KeyboardInterrupt:
-        status = _complain("stopped; finished results have been written", 1)
+        status = _complain("stopped; results that were finished are kept", 1)
         if arguments is None:
             # a library that was interrupted while loading may crash when Python unloads it
             os._exit(status)
@@ -464,7 +464,8 @@ _COMMANDS = {
         _station("rom:run_rom", "reduced models in {out}"),
         "make reduced models from the states of a solve; errors and timings against the full model",
         "  myork rom inputs/muscle_block.toml\n"
-        "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]",
+        "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]\n"
+        "  myork rom train --help    models for any values of parameters; also solve, map, check",
         _DECK,
     ),
     "rom train": _Command(

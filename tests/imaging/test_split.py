@@ -217,6 +217,17 @@ def test_segment_walks_from_a_map_of_seeds(legs, tmp_path):
     refuses(said, parted, tmp_path, **WALK, truth="truth.nii.gz")
 
 
+@pytest.mark.parametrize(("seed", "split", "said"), [
+    ([30, 35, 0], "pieces", ""), ([40, 59, 0], "pieces", "lie in the bright phase"),
+    ([30, 35, 0], "walk", "all voxels go to the only label"),
+])  # fmt: skip
+def test_a_seed_in_fat_or_alone_is_doubted(tmp_path, seed, split, said):
+    save(tmp_path, np.eye(4), leg=two_muscles()[0])
+    found = parted(tmp_path, [{"name": "soleus", "seeds": seed}], split=split, tolerance=0.01)
+    warnings = " ".join(found["warnings"])
+    assert said in warnings and (said or "phase" not in warnings)
+
+
 #: Image keys of a walk from a seed map
 WALK = {"split": "walk", "tolerance": 0.01, "seeds": "seeds.nii.gz"}
 

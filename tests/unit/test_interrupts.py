@@ -160,7 +160,7 @@ sys.exit(main(["explain", "deck.toml"]))
 """
     done = ended(code)
     assert done.returncode == 1
-    assert done.stderr == "myork: stopped; finished results have been written\n"
+    assert done.stderr == "myork: stopped; results that were finished are kept\n"
 
 
 # ---- one and two threads give the same bits: every method, every solver --------------------------

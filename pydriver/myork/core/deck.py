@@ -115,6 +115,8 @@ def deck_values(
     path: str | Path, text: str, overrides: Sequence[str], command: str
 ) -> dict[str, Any]:
     """Values of a deck, from its text where there is one."""
+    if isinstance(overrides, str):
+        raise errors.InputError(f"overrides must be a list of texts, [{overrides!r}], not a text")
     for item in overrides:
         if any(letter in item for letter in "\n\r\0"):
             raise errors.InputError(f"--set {item!r}: an override must be a single line")

@@ -20,7 +20,7 @@ def proper_orthogonal_modes(snapshots: F64, image: F64 | None = None) -> tuple[F
     - returns `modes`: orthonormal columns, shape `(dofs, n)`
     - returns `values`: proper orthogonal values, shape `(n,)`, descending
     """
-    if not snapshots.any():
+    if not (snapshots.any() and np.isfinite(snapshots).all()):
         raise InputError("modes need at least one state that is not zero")
     if image is None:
         modes, singular, _ = np.linalg.svd(snapshots.T, full_matrices=False)

@@ -65,8 +65,11 @@ def numbers_in(item: str, form: str, option: str = "--vary") -> tuple[str, list[
 
 def parse_vary(items: Sequence[str]) -> dict[str, tuple[float, float]]:
     """Ranges from texts `KEY=LOW:HIGH` of the option `--vary`."""
-    pairs = (numbers_in(item, "KEY=LOW:HIGH") for item in items)
-    return {key: (low, high) for key, (low, high) in pairs}
+    pairs = [numbers_in(item, "KEY=LOW:HIGH") for item in items]
+    found = {key: (low, high) for key, (low, high) in pairs}
+    if len(found) < len(pairs):
+        raise InputError("--vary: a key is given twice; give each parameter one range")
+    return found
 
 
 #: Largest number of values of one key of a map

@@ -165,9 +165,29 @@ def label_by_rules(
         where, known = rule_seeds(result.region, image, muscles, table["seed_radius"])
         heights = heights_of(image.data, result.region >= 0, others)
         label = random_walk(heights, where, known, image.spacing, table["edge_weight"])
-        return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), []
+        alone = (
+            f"muscle.{muscles[0].name}: with split = walk all voxels go to the only label; give "
+            f"fat and bone labels with seeds, or one named {BACKGROUND}"
+        )
+        doubts = [alone] if len(muscles) == 1 else []
+        return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), doubts
     label, warnings = group_by_rules(result.region, image, muscles)
     return Labels(label, image.affine, names, "segmentation"), warnings
+
+
+def doubt_of_phase(labels: Labels, wanted: Mask, phase: str) -> str:
+    """Doubt if most labelled voxels are in the other phase, such as fat in place of muscle.
+
+    - `wanted`: voxels of the wanted phase, shape `(ni, nj, nk)`
+    """
+    known = labels.data > 0
+    if not known.any() or wanted[known].mean() > 0.5:
+        return ""
+    other = "bright" if phase == "dark" else "dark"
+    return (
+        f"the seeds of [[muscle]] lie in the {other} phase, which with image.phase = {phase} is "
+        "not muscle: move them, or set image.phase"
+    )
 
 
 def label_by_seeds(

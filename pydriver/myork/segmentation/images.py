@@ -23,13 +23,14 @@ from myork.segmentation.grouping import (
     BACKGROUND,
     Muscle,
     check_seeds,
+    doubt_of_phase,
     label_by_phase,
     label_by_reference,
     label_by_rules,
     label_by_seeds,
     rule_seeds,
 )
-from myork.segmentation.level_sets import LevelSets, Regions, segment_regions
+from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
 from myork.segmentation.regions import body_mask, box_mask, grown_mask
 from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
@@ -197,6 +198,9 @@ def segment_images(
         labels, doubts = label_by_seeds(table, seen, result, images.seeds, others)
     elif muscles:
         labels, doubts = label_by_rules(table, seen, result, muscles, others)
+        if table["regions"] == 2:
+            wanted = wanted_phase(result, grey, table["phase"])
+            doubts.append(doubt_of_phase(labels, wanted, table["phase"]))
     else:
         labels = label_by_phase(table, image, grey, result)
     if not (labels.data > 0).any():
