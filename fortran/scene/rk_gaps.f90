@@ -13,8 +13,6 @@ module rk_gaps
    real(wp), parameter :: bridged = 1.5_wp
    !> Distance within which parts count as joined, in spacings
    real(wp), parameter :: nearby = 2.0_wp
-   !> Number of pairs of facing voxels that are looked at, evenly among all
-   integer, parameter :: enough = 500
 
 contains
 
@@ -26,9 +24,9 @@ subroutine find_gaps(cloud, share, place)
    !> Centre of a voxel at such a face, shape (3) [length]; not set where there is none
    real(wp), intent(out) :: place(3)
    logical, allocatable :: filled(:, :, :)
-   integer, allocatable :: at(:, :), pair(:, :)
+   integer, allocatable :: at(:, :)
    real(wp) :: face(3), spacing(3), surface, across
-   integer :: n(3), most(3), next(3), pass, pairs, ip, d, k, side, step
+   integer :: n(3), most(3), next(3), ip, d, k, side
 
    share = 0.0_wp
    place = 0.0_wp
@@ -44,41 +42,27 @@ subroutine find_gaps(cloud, share, place)
       filled(at(1, ip), at(2, ip), at(3, ip)) = .true.
    end do
    surface = 0.0_wp
-   do pass = 1, 2
-      pairs = 0
-      do ip = 1, size(at, 2)
-         do d = 1, 3
-            do side = -1, 1, 2
-               next = at(:, ip)
-               next(d) = next(d) + side
-               if (filled(next(1), next(2), next(3))) cycle
-               if (pass == 1) surface = surface + face(d)
-               if (side < 0) cycle
-               do k = 1, most(d)
-                  next(d) = next(d) + 1
-                  if (next(d) > n(d)) exit
-                  if (filled(next(1), next(2), next(3))) exit
-               end do
-               if (k > most(d) .or. next(d) > n(d)) cycle
-               pairs = pairs + 1
-               if (pass == 2) pair(:, pairs) = [ip, d, k]
+   across = 0.0_wp
+   do ip = 1, size(at, 2)
+      do d = 1, 3
+         do side = -1, 1, 2
+            next = at(:, ip)
+            next(d) = next(d) + side
+            if (filled(next(1), next(2), next(3))) cycle
+            surface = surface + face(d)
+            do k = 1, merge(most(d), 0, side > 0)
+               next(d) = next(d) + 1
+               if (next(d) > n(d)) exit
+               if (.not. filled(next(1), next(2), next(3))) cycle
+               if (are_joined(filled, at(:, ip), next, nint(nearby*spacing/cloud%voxels%size))) exit
+               if (.not. across > 0.0_wp) place = cloud%voxels%centre(ip)
+               across = across + 2.0_wp*face(d)
+               exit
             end do
          end do
       end do
-      if (pass == 1) allocate (pair(3, pairs))
    end do
-   across = 0.0_wp
-   step = 1 + (pairs - 1)/enough
-   do k = 1, pairs, step
-      associate (first => at(:, pair(1, k)), d => pair(2, k))
-         next = first
-         next(d) = next(d) + pair(3, k) + 1
-         if (are_joined(filled, first, next, nint(nearby*spacing/cloud%voxels%size))) cycle
-         if (.not. across > 0.0_wp) place = cloud%voxels%centre(pair(1, k))
-         across = across + 2.0_wp*step*face(d)
-      end associate
-   end do
-   share = min(across/surface, 1.0_wp)
+   share = across/surface
 end subroutine find_gaps
 
 !> Whether two voxels are joined through faces of others not far from them
