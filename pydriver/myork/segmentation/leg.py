@@ -246,7 +246,7 @@ def _boneless(anatomy: Image, body: Mask, bone: Mask) -> list[str]:
         return []
     return [
         f"tissue of {anatomy.name}: no bone was found in {without.sum()} of {slices.sum()} slices: "
-        "its wall and marrow are then labelled muscle and fat; take it out by image.body"
+        "its wall and marrow are then labelled muscle and fat; exclude it with image.body"
     ]
 
 
