@@ -63,7 +63,7 @@ module rk_symmetric
       final :: free
    end type symmetric_matrix
 
-   !> Entries of a symmetric matrix most of which are zero
+   !> Entries of a symmetric matrix most of which are zero, with their places among all of them
    type :: packed_entries
       !> Places of those that are not, their rows and columns
       integer(i8), allocatable, private :: place(:)

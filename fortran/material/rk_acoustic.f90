@@ -177,6 +177,7 @@ pure subroutine solid_values(form, n, cofactor, rigid, value)
    !> products with Q
    real(wp), dimension(3) :: m, u, v, qu, qv, e
    real(wp) :: p(6), q(6), a, b, c, stiff, side, share, least, gap, couple(2)
+   !> Positive where elimination converges, shape (directions) [stress^2]
    real(wp) :: excess(size(value)), free
    integer :: d
 

@@ -21,7 +21,7 @@ subroutine find_gaps(cloud, share, place)
    type(cloud_type), intent(in) :: cloud
    !> Area of these faces of voxels relative to that of all faces [-]
    real(wp), intent(out) :: share
-   !> Centre of a voxel at such a face, shape (3) [length]; not set where there is none
+   !> Centre of a voxel at such a face, shape (3) [length]; zero if there is none
    real(wp), intent(out) :: place(3)
    logical, allocatable :: filled(:, :, :)
    integer, allocatable :: at(:, :)
