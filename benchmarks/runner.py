@@ -4,9 +4,9 @@
 
 solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen`, `layers`,
 `maps` or `race` (`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`,
-a view of them, figures of its curves, and `results.json`, all rows, to `docs/results` or DIR.
-`myork bench NAME` writes the same rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, tables
-of `studies.py`, the runner writes the page.
+a view of them, and figures of its curves to `docs/results` or DIR. `myork bench NAME` writes all
+rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, tables of `studies.py`, the runner writes
+the page.
 
     python benchmarks/runner.py truths NAME [[FIRST] LAST]
 
@@ -422,30 +422,14 @@ def main(*words: str) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        study = name in studies.STUDIES
-        run = studies.run if study else partial(pivots.view, solved=solved, only=options.only)
+        run = (
+            studies.run
+            if name in studies.STUDIES
+            else partial(pivots.view, solved=solved, only=options.only)
+        )
         shown = run(name, print, options.quick)
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
-        if study:
-            continue
-        kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s")
-        rows = [{key: row.get(key) for key in (*kept, "memory", "peer")} for row in shown["cases"]]
-        file = options.out / "results.json"
-        # rows of other tables are kept
-        same = {_key(row) for row in rows}
-        earlier = json.loads(file.read_text(encoding="utf-8")) if file.is_file() else []
-        rows = [*(row for row in earlier if _key(row) not in same), *rows]
-        lines = ",\n".join(
-            ", ".join(json.dumps(row) for row in rows if row["problem"] == problem)
-            for problem in dict.fromkeys(row["problem"] for row in rows)
-        )
-        write_text(file, f"[\n{lines}\n]\n")
-        print(f"{options.out / name}.md, {file}")
-
-
-def _key(row: Mapping[str, Any]) -> tuple[str, str, str]:
-    """Key of a row in the long table."""
-    return row["problem"], row["form"], row["size"]
+        print(options.out / f"{name}.md")
 
 
 def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) -> str:
@@ -458,7 +442,7 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
         "",
         f"Written by `{call}` on {about['date'][:10]} (MyoRK {about['version']}, "
         f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
-        f"{shown['about']}{'' if 'rows' in shown else ' Each solve is a row of `results.json`.'}",
+        f"{shown['about']}",
     ]
     plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
     for problem, plots in plots_of:
