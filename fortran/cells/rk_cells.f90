@@ -23,6 +23,8 @@ module rk_cells
       logical :: smoothed = .false.
       !> The facets of each cell close to rounding
       logical :: closed = .true.
+      !> The linear part of the gradient in a cell follows from its facets as well
+      logical :: linear = .false.
       !> Number of points of a cell, which are stored consecutively
       integer :: per_cell = 1
       !> Points, those of a group together, shape (nd, np) [length]
@@ -54,6 +56,9 @@ module rk_cells
       real(wp), allocatable :: part(:)
       !> Side of the body that each lies on, shape (ms)
       integer, allocatable :: set(:)
+      !> Face of a Gauss cell in a lattice that each lies on, shape (ms), 2 nd faces of a cell, and
+      !> cells in each direction; not allocated elsewhere
+      integer, allocatable :: face(:), lattice(:)
       !> Boundary entry represented by each, 0 for none, shape (ms); not allocated where surface
       !> points have positions of their own
       integer, allocatable :: entry(:)

@@ -99,10 +99,11 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    integer, intent(in) :: follows(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
-   real(wp), allocatable :: plain(:, :), common(:, :), taken(:, :, :)
+   real(wp), allocatable :: plain(:, :), common(:, :), slope(:, :, :), taken(:, :, :)
    real(wp), pointer, contiguous :: psi(:, :)
    integer, pointer, contiguous :: nodes(:)
    logical, allocatable :: seen(:)
+   real(wp) :: centre(size(cells%point, 1))
    integer :: fields, nd, np, n, shared, pass, cell, q, s
    integer(i8) :: entries, values
    logical :: lifted
@@ -122,6 +123,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    call group_by(np/cells%per_cell, [(1 + (cells%lift_point(cells%lift_first(s) + 1) - 1) &
       & /cells%per_cell, s=1, size(cells%set))], surfaces)
    allocate (self%start(np + 1), self%first(fields, np))
+   allocate (slope(nd, merge(nd, 0, cells%linear), ns), source=0.0_wp)
    allocate (plain(nd, ns), common(nd, ns), taken(nd, fields, ns), touched(ns), seen(ns))
    seen = .false.
    plain = 0.0_wp
@@ -137,7 +139,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
          if (pass == 2) common(:, :shared) = plain(:, touched(:shared))
          do q = (cell - 1)*cells%per_cell + 1, cell*cells%per_cell
             n = shared
-            if (pass == 2) plain(:, touched(:shared)) = common(:, :shared)
+            if (pass == 2) call take_common()
             lifted = .false.
             call gather_point()
             self%start(q) = entries
@@ -147,6 +149,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
             seen(touched(shared + 1:n)) = .false.
          end do
          seen(touched(:shared)) = .false.
+         if (pass == 2) slope(:, :, touched(:shared)) = 0.0_wp
       end do
       self%start(np + 1) = entries
       if (pass == 1) allocate (self%local(entries), self%value(nd, values))
@@ -159,26 +162,63 @@ contains
    !> its facets and surface, in place of the mean by quadrature
    subroutine gather_cell()
       real(wp) :: volume, weight
-      integer :: i, k, o
+      real(wp) :: moment(nd, nd)
+      integer :: a, i, k, o
       integer(i8) :: e
 
       o = (cell - 1)*cells%per_cell
       weight = sum(cells%weight(o + 1:o + cells%per_cell))
       volume = weight
       if (allocated(cells%filled)) volume = volume/cells%filled(o + 1)
+      centre = matmul(cells%point(:, o + 1:o + cells%per_cell), &
+         & cells%weight(o + 1:o + cells%per_cell))/weight
       do e = facets%offset(cell) + 1, facets%offset(cell + 1)
          i = (facets%index(e) + 1)/2
-         call gather(facet, i, merge(1, -1, mod(facets%index(e), 2) == 1)*cells%area(:, i)/volume)
+         call gather(facet, i, merge(1, -1, mod(facets%index(e), 2) == 1)*cells%area(:, i)/volume, &
+            & cells%facet(:, i) - centre)
       end do
       do e = surfaces%offset(cell) + 1, surfaces%offset(cell + 1)
          i = surfaces%index(e)
-         call gather(surface, i, cells%outward(:, i)/volume)
+         call gather(surface, i, cells%outward(:, i)/volume, cells%surface(:, i) - centre)
       end do
       if (cells%smoothed) return
       do k = o + 1, o + cells%per_cell
-         call gather_gradient(inside, k, -cells%weight(k)/weight)
+         call gather_gradient(inside, k, -cells%weight(k)/weight, cells%point(:, k) - centre)
+      end do
+      if (pass == 1 .or. .not. cells%linear) return
+      moment = 0.0_wp
+      do k = o + 1, o + cells%per_cell
+         associate (x => cells%point(:, k) - centre)
+            do a = 1, nd
+               moment(:, a) = moment(:, a) + x*x(a)*cells%weight(k)/weight
+            end do
+         end associate
+      end do
+      moment = reshape([moment(2, 2), -moment(2, 1), -moment(1, 2), moment(1, 1)], [2, 2]) &
+         & /(moment(1, 1)*moment(2, 2) - moment(1, 2)**2)
+      do k = 1, n
+         associate (own => slope(:, :, touched(k)))
+            do i = 1, nd
+               own(i, :) = [own(i, 1)*moment(1, 1) + own(i, 2)*moment(2, 1), &
+                  & own(i, 1)*moment(1, 2) + own(i, 2)*moment(2, 2)]
+            end do
+         end associate
       end do
    end subroutine gather_cell
+
+   !> Part of the cell at a point
+   subroutine take_common()
+      real(wp) :: arm(nd)
+      integer :: a, k
+
+      arm = cells%point(:, q) - centre
+      do k = 1, shared
+         plain(:, touched(k)) = common(:, k)
+         do a = 1, size(slope, 2)
+            plain(:, touched(k)) = plain(:, touched(k)) + slope(:, a, touched(k))*arm(a)
+         end do
+      end do
+   end subroutine take_common
 
    !> Gradients at a point in addition to those of its cell, and the part subtracted by lifting
    subroutine gather_point()
@@ -226,30 +266,41 @@ contains
    end subroutine touch
 
    !> Add the values at a position times a vector
-   subroutine gather(shape, ip, vector)
+   subroutine gather(shape, ip, vector, arm)
       type(shape_type), target, intent(in) :: shape
       integer, intent(in) :: ip
       real(wp), intent(in) :: vector(:)
-      integer :: j
+      real(wp), intent(in), optional :: arm(:)
+      integer :: a, j
 
       call shape%row(ip, nodes, psi)
       do j = 1, size(nodes)
          call touch(nodes(j))
          if (pass == 2) plain(:, nodes(j)) = plain(:, nodes(j)) + psi(1, j)*vector
+         if (pass == 1 .or. .not. cells%linear .or. .not. present(arm)) cycle
+         do a = 1, nd
+            slope(:, a, nodes(j)) = slope(:, a, nodes(j)) + psi(1, j)*vector*arm(a)
+         end do
       end do
    end subroutine gather
 
    !> Add the gradients at a position times a factor
-   subroutine gather_gradient(shape, ip, factor)
+   subroutine gather_gradient(shape, ip, factor, arm)
       type(shape_type), target, intent(in) :: shape
       integer, intent(in) :: ip
       real(wp), intent(in) :: factor
-      integer :: j
+      real(wp), intent(in), optional :: arm(:)
+      integer :: a, j
 
       call shape%row(ip, nodes, psi)
       do j = 1, size(nodes)
          call touch(nodes(j))
          if (pass == 2) plain(:, nodes(j)) = plain(:, nodes(j)) + factor*psi(2:1 + nd, j)
+         if (pass == 1 .or. .not. cells%linear .or. .not. present(arm)) cycle
+         do a = 1, nd
+            slope(:, a, nodes(j)) = slope(:, a, nodes(j)) + factor*psi(2:1 + nd, j)*arm(a)
+            slope(a, a, nodes(j)) = slope(a, a, nodes(j)) + factor*psi(1, j)
+         end do
       end do
    end subroutine gather_gradient
 
