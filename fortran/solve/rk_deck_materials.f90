@@ -220,14 +220,26 @@ subroutine set_fibers(scene, k, direction, deck, at, error)
    real(wp), intent(in) :: direction(:)
    type(deck_type), intent(in) :: deck
    character(len=*), intent(in) :: at
-   !> Error handling: no direction at a point
+   !> Error handling: no direction at a point, or one that is not the model's
    type(error_type), allocatable, intent(inout) :: error
+   !> Directions whose cosine differs from one by less are the same [-]
+   real(wp), parameter :: same = 1.0e-6_wp
    integer :: ip
 
    do ip = 1, size(scene%tissue_of)
       if (scene%tissue_of(ip) /= k) cycle
-      if (size(direction) > 0) scene%cloud%fiber(:, ip) = direction
-      if (norm2(scene%cloud%fiber(:, ip)) > 0.5_wp) cycle
+      associate (own => scene%cloud%fiber(:, ip))
+         if (size(direction) > 0) then
+            if (norm2(own) > 0.5_wp .and. abs(dot_product(own, direction)) < 1.0_wp - same) then
+               call deck%complain(at//'.fiber', 'the model has fibers of its own, '//to_text(own) &
+                  & //' at '//to_text(scene%cloud%points(:, ip))//': leave out fiber and ' &
+                  & //'fiber_angle, or build the model without fibers', error)
+               return
+            end if
+            own = direction
+         end if
+         if (norm2(own) > 0.5_wp) cycle
+      end associate
       call deck%complain(at//'.fiber', 'missing, collocation point '//to_text(ip)//' at ' &
          & //to_text(scene%cloud%points(:, ip))//' has no direction: give fiber or fiber_angle, ' &
          & //'or a model with fibers', error)

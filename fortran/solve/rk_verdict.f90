@@ -73,9 +73,10 @@ module rk_verdict
    !> Share of the surface at narrow gaps from which on they matter [-]
    real(wp), parameter :: least_gaps = 0.01_wp
    !> Why a state is doubtful if its tangent is not positive definite
-   character(len=*), parameter :: unstable = 'the equilibrium is unstable, its tangent is not ' &
-      & //'positive definite: a small disturbance takes the body to another state; add a small ' &
-      & //'transverse load and load.steps to get there, reduce the load or constrain the body'
+   character(len=*), parameter :: unstable = 'the equilibrium is unstable (under a following ' &
+      & //'pressure with a free rim: may be), its tangent is not positive definite: a small ' &
+      & //'disturbance takes the body to another state; add a small transverse load and ' &
+      & //'load.steps to get there, reduce the load or constrain the body'
 
    !> Verdict with its reasons and the error bars
    type :: verdict_type
@@ -145,8 +146,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
          & //'sets do not balance: the residual is # of the largest', curable=.true.)
       if (outcome%unstable) call self%object(doubtful, unstable)
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
-      if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, &
-         & receiver, off)
+      if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, off)
    end if
    outcome%warnings = outcome%warnings//self%reasons
    if (problem%scene%thin_layers) then
@@ -352,10 +352,9 @@ subroutine judge_volume(self, problem, state)
 end subroutine judge_volume
 
 !> Warn where J at points differs from that of the pressure, which weak forms match only over cells
-subroutine warn_of_volume(problem, outcome, receiver, off)
+subroutine warn_of_volume(problem, outcome, off)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(inout) :: outcome
-   class(recorder_type), intent(inout) :: receiver
    !> Root mean square of the difference [-]
    real(wp), intent(out) :: off
    type(point_state) :: local
@@ -370,9 +369,10 @@ subroutine warn_of_volume(problem, outcome, receiver, off)
    end do
    off = sqrt(off/max(count(.not. outcome%broken), 1))
    if (off <= of_point_volume) return
-   call outcome%warn('J at points differs by '//to_text(100.0_wp*off, 2)//' % (root mean square) ' &
-      & //'from the value given by the pressure: stresses and forces use its mean over cells; ' &
-      & //'use more points before you use J or F', receiver)
+   ! for users of fields: with the usual blocks most bodies of voxels have it
+   outcome%warnings = outcome%warnings//'J at points differs by '//to_text(100.0_wp*off, 2) &
+      & //' % (root mean square) from the value given by the pressure: stresses and forces use ' &
+      & //'its mean over cells; use more points before you use J or F'//new_line('a')
 end subroutine warn_of_volume
 
 !> Places of output that are inverted or whose stress is not finite. Corners of fixed faces are

@@ -299,8 +299,9 @@ subroutine start(self, x, load, iteration)
    call self%matrix%forget()
 end subroutine start
 
-!> Whether an equilibrium is unstable. The tangent of a stable one is positive definite, except with
-!> pressures that follow a free rim: false there, and if the tangent is not formed.
+!> Whether an equilibrium is unstable: its tangent is not positive definite. With pressures that
+!> follow a free rim its symmetric part is judged, which is lost before the tangent is
+!> singular. False if the tangent is not formed.
 logical function is_unstable(self, x, load)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
@@ -309,7 +310,7 @@ logical function is_unstable(self, x, load)
    real(wp), allocatable :: r(:)
 
    is_unstable = .false.
-   if (.not. self%matrix%formed .or. allocated(self%matrix%skew)) return
+   if (.not. self%matrix%formed) return
    allocate (r(self%m))
    ! no step begins: the last factor is kept
    if (allocated(self%base)) deallocate (self%base)

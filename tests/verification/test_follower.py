@@ -118,6 +118,22 @@ def test_a_cantilever_under_pressure_is_an_elastica():
     assert found[:2] / length == pytest.approx(elastica(load), rel=5e-3)
 
 
+@pytest.mark.parametrize(("share", "unstable"), [(0.85, False), (1.1, True)])
+def test_a_column_under_end_pressure_is_doubted_where_its_symmetric_tangent_is_lost(
+    share, unstable
+):
+    """Normal to its free end the load does half its rotational work in the symmetric part, which
+    is lost where 2 + 2 cos kL + kL sin kL = 0, at kL = pi: four times Euler's load; Beck's column
+    flutters at twice that. The strain of 2 % and shear soften it by some 4 %.
+    """
+    load = share * np.pi**2 * 4 * 10 / 12 / 8**2
+    body = box(33, 5, size=[8, 1], places=(33, 5))
+    tables = loaded("auto", body, neo(10, 1e3), "x0 x1", {"pressure": load}, "tip u_y 8 0.5")
+    states = solved(tables).states
+    assert states.verdict == ("doubtful" if unstable else "accepted")
+    assert any("with a free rim: may be" in reason for reason in states.reasons) is unstable
+
+
 MUSCLE = {"name": "muscle", "model": "muscle", "A10": 10, "K": 1000, "fiber": [0, 0, 1]}
 LONG = box(3, 3, 7, size=[1, 1, 3], places=(3, 3, 7))
 GUIDED = {"set": "z1", "u_x": 0, "u_y": 0}
