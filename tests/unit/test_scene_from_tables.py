@@ -83,6 +83,18 @@ def test_a_dict_gets_the_message_of_the_deck(wrong: dict, tmp_path: Path) -> Non
 ])  # fmt: skip
 def test_what_no_deck_can_hold(tables: dict, message: str) -> None:
     assert refused({**CUBE, **tables}) == f"tables: {message}"
+    refuses("a deck must be tables or a text, not NoneType", Scene.from_tables, None)
+
+
+def test_fibers_of_a_deck_are_those_of_its_points() -> None:
+    """A direction beside a map of others had replaced the map without a word."""
+    tables = {**PULLED, "material": [{**BARE, "fiber": [0, 0, -2]}]}
+    points = cloud()
+    along, across = (np.tile(np.array(axis, float), (len(points.points), 1))
+                     for axis in ([0, 0, 1], [0, 1, 0]))  # fmt: skip
+    Scene.from_tables(tables, replace(points, fiber=along)).close()
+    refuses("muscle.fiber: the model has fibers of its own", Scene.from_tables,
+            tables, replace(points, fiber=across))  # fmt: skip
 
 
 @pytest.mark.parametrize("change", [

@@ -115,6 +115,8 @@ def deck_values(
     path: str | Path, text: str, overrides: Sequence[str], command: str
 ) -> dict[str, Any]:
     """Values of a deck, from its text where there is one."""
+    if not isinstance(text, str):
+        raise errors.InputError(f"a deck must be tables or a text, not {type(text).__name__}")
     if isinstance(overrides, str):
         raise errors.InputError(f"overrides must be a list of texts, [{overrides!r}], not a text")
     for item in overrides:

@@ -203,6 +203,8 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         ...         scene.update({"material.muscle.K": bulk})
         ...         states = scene.solve()
         """
+        if not isinstance(changes, Mapping):
+            raise errors.InputError("changes must be values by key: {'material.muscle.K': 100}")
         if self._has_fields:
             raise errors.InputError("loads set by set_fields would be lost: open another scene")
         if self._model is not None and any(key.startswith("geometry.") for key in changes):
