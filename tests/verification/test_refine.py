@@ -124,6 +124,18 @@ def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> No
     assert known and float(known[1]) == pytest.approx(100 * found["reached"], rel=0.05)
 
 
+def test_rounding_errors_of_a_body_that_is_turned_are_not_refined(tmp_path: Path) -> None:
+    """Both ends turn about the same point: stress and torque are rounding errors."""
+    turned = {"rotation": 90.0, "about": [0.3, -1.0]}
+    tables = scene(
+        "auto", box(size=[2, 1]), material=[neo(10.0, 200.0)], probe=probes("s cauchy_xx 1 0.5"),
+        boundary=[{"set": "x0"} | turned, {"set": "x1"} | turned],
+    )  # fmt: skip
+    found = run_deck(tables, tmp_path)
+    assert found["verdict"]["state"] == "accepted"
+    assert len(found["refine"]["levels"]) == 1 and found["refine"]["reached"] == 0
+
+
 def conducting(points: int, linear: dict[str, Any], *ends: Any, at: str) -> dict[str, Any]:
     """A heat-conducting square, at 0 on its left side, with the probe of a value."""
     return scene(
