@@ -120,24 +120,23 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    watcher%problem => problem
    watcher%receiver => recorder
    watcher%outcome => outcome
+   loaded = .false.
    if (.not. problem%linear) then
       rest = spread(0.0_wp, 1, problem%n)
       loaded = problem%scene%programme%begins_loaded()
       ! where the programme begins loaded its first state is still to be found
       if (.not. loaded) call recorder%step(step_type(load=0.0_wp), rest)
-      if (present(start)) then
-         if (allocated(start%iteration)) then
-            do k = 1, size(start%iteration)
-               call watcher%iteration(start%iteration(k))
-            end do
-         end if
-         if (loaded .and. allocated(start%first)) call watcher%step(start%begin, start%first)
-         do k = 1, size(start%step)
-            call watcher%step(start%step(k), start%x(:, k))
-         end do
-      end if
    end if
    if (present(start)) then
+      if (allocated(start%iteration)) then
+         do k = 1, size(start%iteration)
+            call watcher%iteration(start%iteration(k))
+         end do
+      end if
+      if (loaded .and. allocated(start%first)) call watcher%step(start%begin, start%first)
+      do k = 1, size(start%step)
+         call watcher%step(start%step(k), start%x(:, k))
+      end do
       if (allocated(start%ended)) error = start%ended
    end if
    if (.not. allocated(error)) call solve_problem(problem, problem%scene, linear, watcher, &
@@ -217,7 +216,10 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
       call solve_motion(problem, scene, newton%linear, x, recorder, timer, error)
       return
    else if (problem%linear) then
-      call solve_linear(problem, newton%linear, x, recorder, timer, error)
+      done = 0
+      if (present(start)) done = size(start%step)
+      ! the search for the points has already solved it
+      if (done == 0) call solve_linear(problem, newton%linear, x, recorder, timer, error)
       return
    end if
    halvings = 0

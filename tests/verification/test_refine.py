@@ -191,7 +191,7 @@ def test_the_points_that_follow_begin_with_the_load_steps_that_worked(tmp_path: 
     assert loads[0] < 1 and loads == sorted(loads)
 
 
-def test_points_of_a_linear_problem_are_searched() -> None:
+def test_points_of_a_linear_problem_are_searched(tmp_path: Path) -> None:
     """-u'' = sin(pi x) between ends at 0, the same at all heights."""
     deck = conducting(0, {"source": "sin(pi*x)"}, {"set": "x1", "u": 0}, at="0.5 0.5")
     deck["accuracy"] = 0.005
@@ -200,6 +200,8 @@ def test_points_of_a_linear_problem_are_searched() -> None:
         found = solved(opened, error=True)
     assert found.states.reasons[-1] == "the target error of 0.5 % is met"
     assert found.last()["value"] == pytest.approx(np.pi**-2, rel=0.005)
+    # the search's own solution is the answer
+    assert run_deck(deck, tmp_path)["timings_s"]["solve"] == 0
     deck["linear"]["exact"] = "sin(pi*x)/pi^2"
     with pytest.raises(InputError, match="refine: is not for linear problems whose solution is"):
         Scene.from_tables(deck).close()
