@@ -14,7 +14,6 @@ module rk_companion
    use rk_deck, only : deck_type, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation, has_few_cells
-   use rk_equation, only : motion_type
    use rk_error, only : error_type, err_input, err_memory
    use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
@@ -199,6 +198,7 @@ subroutine solve_beside(self, answer, words)
    type(kept_run) :: keeper
    type(timer_type) :: timer
    type(error_type), allocatable :: error
+   real(wp) :: ratio, step
    integer(i8) :: clock
    integer :: steps
 
@@ -212,16 +212,22 @@ subroutine solve_beside(self, answer, words)
       keeper%load = answer%load
       ! errors of steps twice as long are four times as large, but waves cross half as wide cells in
       ! half the time
-      if (allocated(scene%motion)) call set_step(scene%motion, keeper, merge(0.5_wp, 2.0_wp, &
-         & self%kind == more_points))
+      ratio = merge(0.5_wp, 2.0_wp, self%kind == more_points)
       do
+         if (allocated(scene%motion)) then
+            step = ratio*scene%motion%time_step
+            scene%motion%time_step = step
+            scene%motion%end_time = step*ceiling(maxval(answer%load)/step - 1.0e-6_wp)
+            scene%motion%every = 1
+            ! states between which those of the answer are interpolated
+            keeper%within = 3.1_wp*step
+         end if
          call keeper%begin(second%n, answer%receiver)
          call solve_problem(second, scene, '', keeper, timer, error)
          if (.not. (allocated(error) .and. allocated(scene%motion))) exit
          ! a step that is not stable, where cells are hardly wider than those of the answer
-         if (error%code /= err_input .or. .not. scene%motion%time_step &
-            & > answer%problem%scene%motion%time_step) exit
-         call set_step(scene%motion, keeper, 0.75_wp)
+         if (error%code /= err_input .or. step <= answer%problem%scene%motion%time_step) exit
+         ratio = 0.75_wp
       end do
       if (.not. allocated(error)) call look(self, second, keeper%run, answer, error)
       ! one step may be too long, or lead to another branch
@@ -434,10 +440,8 @@ subroutine look(self, problem, run, answer, error)
    logical :: near(size(nearest), size(problem%scene%probe))
    integer :: i, ip, k, n
 
-   allocate (x(problem%n, size(answer%load)))
-   do k = 1, size(answer%load)
-      x(:, k) = at_load(run, answer%load(k))
-   end do
+   x = reshape([(at_load(run, answer%load(k)), k=1, size(answer%load))], [problem%n, &
+      & size(answer%load)])
    call new_bars(self%seen, problem, answer%load, x, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud, first => answer%problem, load => answer%load)
@@ -505,20 +509,6 @@ subroutine look(self, problem, run, answer, error)
    self%distance = sqrt(most(1)/max(most(2), tiny(1.0_wp)))
    self%tissue = findloc(of_tissue > 0.5_wp*sum(of_tissue), .true., dim=1)
 end subroutine look
-
-!> Change the time step of a motion, which ends at or after the same time
-subroutine set_step(motion, keeper, ratio)
-   type(motion_type), intent(inout) :: motion
-   !> Receiver, which then keeps what an interpolation in time needs
-   type(kept_run), intent(inout) :: keeper
-   !> New step over the old one [-]
-   real(wp), intent(in) :: ratio
-
-   motion%time_step = ratio*motion%time_step
-   motion%end_time = motion%time_step*ceiling(maxval(keeper%load)/motion%time_step - 1.0e-6_wp)
-   motion%every = 1
-   keeper%within = 3.1_wp*motion%time_step
-end subroutine set_step
 
 !> Unknowns at a load, or at a time: between those of steps by a cubic polynomial
 pure function at_load(run, load) result(x)

@@ -125,15 +125,11 @@ def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> No
 
 
 def test_rounding_errors_of_a_body_that_is_turned_are_not_refined(tmp_path: Path) -> None:
-    """Both ends turn about the same point: stress and torque are rounding errors."""
-    turned = {"rotation": 90.0, "about": [0.3, -1.0]}
-    tables = scene(
-        "auto", box(size=[2, 1]), material=[neo(10.0, 200.0)], probe=probes("s cauchy_xx 1 0.5"),
-        boundary=[{"set": "x0"} | turned, {"set": "x1"} | turned],
-    )  # fmt: skip
-    found = run_deck(tables, tmp_path)
-    assert found["verdict"]["state"] == "accepted"
-    assert len(found["refine"]["levels"]) == 1 and found["refine"]["reached"] == 0
+    ends = [{"set": end, "rotation": 90.0, "about": [0.3, -1.0]} for end in ("x0", "x1")]
+    wanted, material = probes("s cauchy_xx 1 0.5"), [neo(10.0, 200.0)]
+    body = scene("auto", box(size=[2, 1]), material=material, boundary=ends, probe=wanted)
+    found = run_deck(body, tmp_path)["refine"]
+    assert len(found["levels"]) == 1 and found["reached"] == 0
 
 
 def conducting(points: int, linear: dict[str, Any], *ends: Any, at: str) -> dict[str, Any]:

@@ -100,8 +100,7 @@ class ReducedState:
         #: Whether the tolerance of the training is met, according to its test, and reasons against
         #: the answer
         self.certified = bool(batch.certified[0])
-        #: Names of the probes that this refers to, the first force and displacements; the test does
-        #: not measure others, such as stresses
+        #: Names of the probes that this refers to: the test does not measure others, like stresses
         self.certified_probes = tested if self.certified else []
         self.doubts = batch.doubts(0)
         self.iterations = int(batch.iterations[0])  #: Newton iterations
@@ -124,14 +123,12 @@ class ReducedState:
         """Parameters, probes and their reliability, in lines."""
         given = ", ".join(f"{key} = {_six_digits(x)}" for key, x in self.parameters.items())
         units = self.probe_units
-        beside = {name: "  (not certified)" for name in self.probes if self.certified}
-        beside |= dict.fromkeys(self.certified_probes, "")
         found = (
-            f"  {name} {_six_digits(v)} {units[name]}".rstrip() + beside.get(name, "")
-            for name, v in self.probes.items()
+            f"  {name} {_six_digits(v)} {units[name]}".rstrip() for name, v in self.probes.items()
         )
         error = f"estimated relative error of the displacement {self.indicator:.1e}"
-        held = "within the tolerance of the training" if self.certified else "not certified"
+        sure = f"within the tolerance of the training: {', '.join(self.certified_probes)}"
+        held = sure if self.certified else "not certified"
         quality = "; ".join([f"{error}, {held}", *self.doubts])
         return "\n".join([f"at {given}", *found, quality])
 
@@ -297,9 +294,9 @@ class ReducedModel:
         row = self.rows(values)
         batch = self.batch(row, indicator=True)
         named = {p.key: float(v) for p, v in zip(self.parameters, row[0], strict=True)}
-        of = {probe["name"]: probe["quantity"] for probe in self.head["probes"]}
-        tested = [name for name, quantity in of.items() if quantity.startswith("u")]
-        tested += [name for name, quantity in of.items() if quantity.startswith("force")][:1]
+        of = [(q["quantity"].partition("_")[0], q["name"]) for q in self.head["probes"]]
+        tested = [name for kind, name in of if kind == "u"]
+        tested += [name for kind, name in of if kind == "force"][:1]
         shapes = np.asarray(self._arrays["shapes"])
         return ReducedState(named, batch, shapes, self.probe_units, tested)
 
