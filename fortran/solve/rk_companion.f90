@@ -14,7 +14,7 @@ module rk_companion
    use rk_deck, only : deck_type, word_length
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type, free_discretisation, has_few_cells
-   use rk_error, only : error_type, err_memory
+   use rk_error, only : error_type, err_input, err_memory
    use rk_neighbours, only : nearest_points
    use rk_new_problem, only : new_problem
    use rk_precision, only : i8, wp
@@ -120,6 +120,8 @@ module rk_companion
       type(start_type) :: run
       !> Loads of the states that are kept; all of them where it is not allocated, shape (m) [-]
       real(wp), allocatable :: load(:)
+      !> Distance up to which a load is one of them [-], for a motion [time]
+      real(wp) :: within = 1.0e-9_wp
    contains
       procedure :: begin, iteration, step
    end type kept_run
@@ -196,6 +198,7 @@ subroutine solve_beside(self, answer, words)
    type(kept_run) :: keeper
    type(timer_type) :: timer
    type(error_type), allocatable :: error
+   real(wp) :: ratio, step
    integer(i8) :: clock
    integer :: steps
 
@@ -207,13 +210,30 @@ subroutine solve_beside(self, answer, words)
       self%points = second%shape%ns
       self%unknowns = second%n
       keeper%load = answer%load
-      call keeper%begin(second%n, answer%receiver)
-      call solve_problem(second, scene, '', keeper, timer, error)
+      ! errors of steps twice as long are four times as large, but waves cross half as wide cells in
+      ! half the time
+      ratio = merge(0.5_wp, 2.0_wp, self%kind == more_points)
+      do
+         if (allocated(scene%motion)) then
+            step = ratio*scene%motion%time_step
+            scene%motion%time_step = step
+            scene%motion%end_time = step*ceiling(maxval(answer%load)/step - 1.0e-6_wp)
+            scene%motion%every = 1
+            ! states between which those of the answer are interpolated
+            keeper%within = 3.1_wp*step
+         end if
+         call keeper%begin(second%n, answer%receiver)
+         call solve_problem(second, scene, '', keeper, timer, error)
+         if (.not. (allocated(error) .and. allocated(scene%motion))) exit
+         ! a step that is not stable, where cells are hardly wider than those of the answer
+         if (error%code /= err_input .or. step <= answer%problem%scene%motion%time_step) exit
+         ratio = 0.75_wp
+      end do
       if (.not. allocated(error)) call look(self, second, keeper%run, answer, error)
       ! one step may be too long, or lead to another branch
       steps = max(least_steps, answer%problem%scene%load%steps)
       if ((allocated(error) .or. self%distance > suspect) .and. scene%load%steps < steps .and. &
-         & .not. answer%receiver%stopped()) then
+         & .not. (second%linear .or. answer%receiver%stopped())) then
          scene%load%steps = steps
          call keeper%begin(second%n, answer%receiver)
          call solve_problem(second, scene, '', keeper, timer, error)
@@ -297,14 +317,12 @@ subroutine choose_companion(self, scene, deck, words)
    other = other_number(source, scene%approximation%order)
    if (scene%cloud%nd == 2 .and. any(source <= least_cells)) other = 2*source - 1
    if (all(other > source)) self%kind = more_points
+   ! in any direction they need shorter time steps
+   if (allocated(scene%motion) .and. any(other > source)) self%kind = more_points
    self%lattice = list(other)//' points'
    self%coarse = any(other < source .and. other - 1 <= few_cells)
    words = words//'scene.method='//self%method//nl
    call lattice_words(deck, other, words)
-   ! waves cross half as wide cells in half the time
-   if (allocated(scene%motion) .and. any(other > source)) words = words//'dynamics.time_step=' &
-      & //to_text(0.5_wp*scene%motion%time_step, 17)//nl//'dynamics.every=' &
-      & //to_text(2*scene%motion%every)//nl
    ! with more points both methods come too close to each other, and a search from given points
    ! would pay for what its answer lacks; in 3D only few cells agree by chance, and the bars of more
    ! would double; few points in a narrow user-defined set constrain too little
@@ -421,7 +439,8 @@ subroutine look(self, problem, run, answer, error)
    logical :: near(size(nearest), size(problem%scene%probe))
    integer :: i, ip, k, n
 
-   x = run%x(:, [(minloc(abs(run%step%load - answer%load(k)), dim=1), k=1, size(answer%load))])
+   x = reshape([(at_load(run, answer%load(k)), k=1, size(answer%load))], [problem%n, &
+      & size(answer%load)])
    call new_bars(self%seen, problem, answer%load, x, error)
    if (allocated(error)) return
    associate (cloud => problem%scene%cloud, first => answer%problem, load => answer%load)
@@ -490,6 +509,29 @@ subroutine look(self, problem, run, answer, error)
    self%tissue = findloc(of_tissue > 0.5_wp*sum(of_tissue), .true., dim=1)
 end subroutine look
 
+!> Unknowns at a load, or at a time: between those of steps by a cubic polynomial
+pure function at_load(run, load) result(x)
+   type(start_type), intent(in) :: run
+   real(wp), intent(in) :: load
+   real(wp) :: x(size(run%x, 1)), off(size(run%step))
+   logical :: near(size(off))
+   integer :: i, k
+
+   off = run%step%load - load
+   i = minloc(abs(off), dim=1)
+   x = run%x(:, i)
+   if (abs(off(i)) <= 1.0e-6_wp*abs(load)) return
+   near = .false.
+   do k = 1, min(4, size(off))
+      near(minloc(abs(off), dim=1, mask=.not. near)) = .true.
+   end do
+   x = 0.0_wp
+   do i = 1, size(off)
+      if (near(i)) x = x + run%x(:, i)*product(off/merge(off - off(i), off, &
+         & [(k /= i, k=1, size(off))]), mask=near)
+   end do
+end function at_load
+
 !> Begin without any step
 subroutine begin(self, n, receiver)
    class(kept_run), intent(inout) :: self
@@ -523,7 +565,7 @@ subroutine step(self, st, x)
       return
    end if
    if (allocated(self%load)) then
-      if (.not. any(abs(self%load - st%load) < 1.0e-9_wp)) return
+      if (.not. any(abs(self%load - st%load) < self%within)) return
    end if
    self%run%step = [self%run%step, st]
    self%run%x = reshape([self%run%x, x], [size(x), size(self%run%step)])

@@ -21,7 +21,7 @@ module rk_refine
    use rk_precision, only : wp
    use rk_probes, only : quantity_size
    use rk_recorder, only : recorder_type, start_type
-   use rk_run, only : solve_problem
+   use rk_run, only : never_strained, solve_problem
    use rk_scene, only : scene_type
    use rk_text, only : to_text
    implicit none
@@ -57,6 +57,8 @@ module rk_refine
       logical :: searched = .false.
       !> The target is met by the points that were found
       logical :: met = .false.
+      !> The body is not strained: its bars compare rounding errors
+      logical, private :: unstrained = .false.
       !> How it ended, in words
       character(len=:), allocatable :: reason
       !> Overrides of the deck before the search, a line each
@@ -153,6 +155,8 @@ subroutine refine(self, deck, model, receiver, error)
          if (allocated(self%bars)) call bars_by_earlier(bars, scene%cloud%nd == 3, self%bars, &
             & growth)
          bar = relative(bars, self%wanted)
+         self%unstrained = never_strained(problem, answer%load, answer%x)
+         if (self%unstrained) bar = 0.0_wp
          worst = maxval(bar)
          ! the uncertainty due to voxels remains with any number of blocks
          left = bar - bars%open
@@ -365,7 +369,7 @@ subroutine look_back(self, bars)
    self%reached = -1.0_wp
    if (.not. allocated(bars%size)) return
    associate (bar => relative(bars, self%wanted))
-      if (all(bar >= 0.0_wp)) self%reached = maxval(bar)
+      if (all(bar >= 0.0_wp)) self%reached = merge(0.0_wp, maxval(bar), self%unstrained)
    end associate
 end subroutine look_back
 

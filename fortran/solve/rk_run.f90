@@ -24,7 +24,7 @@ module rk_run
    implicit none
    private
 
-   public :: outcome_type, solve_scene, solve_problem
+   public :: outcome_type, solve_scene, solve_problem, never_strained
 
    !> Displacements below this share of the size of the body are rounding errors [-]
    real(wp), parameter :: unmoved = 1.0e-13_wp
@@ -120,24 +120,23 @@ subroutine solve_scene(problem, linear, recorder, outcome, error, start)
    watcher%problem => problem
    watcher%receiver => recorder
    watcher%outcome => outcome
+   loaded = .false.
    if (.not. problem%linear) then
       rest = spread(0.0_wp, 1, problem%n)
       loaded = problem%scene%programme%begins_loaded()
       ! where the programme begins loaded its first state is still to be found
       if (.not. loaded) call recorder%step(step_type(load=0.0_wp), rest)
-      if (present(start)) then
-         if (allocated(start%iteration)) then
-            do k = 1, size(start%iteration)
-               call watcher%iteration(start%iteration(k))
-            end do
-         end if
-         if (loaded .and. allocated(start%first)) call watcher%step(start%begin, start%first)
-         do k = 1, size(start%step)
-            call watcher%step(start%step(k), start%x(:, k))
-         end do
-      end if
    end if
    if (present(start)) then
+      if (allocated(start%iteration)) then
+         do k = 1, size(start%iteration)
+            call watcher%iteration(start%iteration(k))
+         end do
+      end if
+      if (loaded .and. allocated(start%first)) call watcher%step(start%begin, start%first)
+      do k = 1, size(start%step)
+         call watcher%step(start%step(k), start%x(:, k))
+      end do
       if (allocated(start%ended)) error = start%ended
    end if
    if (.not. allocated(error)) call solve_problem(problem, problem%scene, linear, watcher, &
@@ -217,7 +216,10 @@ subroutine solve_problem(problem, scene, linear, recorder, timer, error, start)
       call solve_motion(problem, scene, newton%linear, x, recorder, timer, error)
       return
    else if (problem%linear) then
-      call solve_linear(problem, newton%linear, x, recorder, timer, error)
+      done = 0
+      if (present(start)) done = size(start%step)
+      ! the search for the points has already solved it
+      if (done == 0) call solve_linear(problem, newton%linear, x, recorder, timer, error)
       return
    end if
    halvings = 0
@@ -338,7 +340,6 @@ subroutine find_imbalance(problem, outcome)
    class(discretisation_type), intent(in) :: problem
    !> Outcome with states
    type(outcome_type), intent(inout) :: outcome
-   type(field_state) :: state
    real(wp) :: left, largest
    integer :: k
 
@@ -346,18 +347,30 @@ subroutine find_imbalance(problem, outcome)
    if (.not. allocated(outcome%load)) return
    ! keep one copy
    if (allocated(outcome%last%place)) deallocate (outcome%last%place)
-   outcome%unstrained = problem%unstrained(outcome%last)
-   do k = 1, size(outcome%load) - 1
-      if (.not. outcome%unstrained) exit
-      call problem%state(outcome%x(:, k), outcome%load(k), state)
-      outcome%unstrained = problem%unstrained(state)
-   end do
+   outcome%unstrained = never_strained(problem, outcome%load, outcome%x)
    k = judged_state(problem, outcome%x)
    outcome%judged = k
    if (k < size(outcome%load)) call problem%state(outcome%x(:, k), outcome%load(k), outcome%peak)
    call set_forces(problem, outcome%peak, left, largest)
    if (largest > 0.0_wp) outcome%imbalance = left/largest
 end subroutine find_imbalance
+
+!> Whether strains are rounding errors in all states
+logical function never_strained(problem, load, x) result(never)
+   class(discretisation_type), intent(in) :: problem
+   !> Loads, shape (m) [-]
+   real(wp), intent(in) :: load(:)
+   !> Unknowns, shape (n, m)
+   real(wp), intent(in) :: x(:, :)
+   type(field_state) :: state
+   integer :: k
+
+   do k = size(load), 1, -1
+      call problem%state(x(:, k), load(k), state)
+      never = problem%unstrained(state)
+      if (.not. never) return
+   end do
+end function never_strained
 
 !> Refuse a state with displacements and stresses of the size of rounding errors: the load is
 !> negligible beside the stiffness of some material. The iteration stops at once, as nothing moves.

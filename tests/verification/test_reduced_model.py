@@ -263,6 +263,10 @@ def test_answers_of_a_model(rom: ReducedModel) -> None:
         assert one.indicator == pytest.approx(many.indicator[i], rel=1e-6)
         assert one.u().shape == (96, 3)
     assert not rom.solve(activation=0.5, u_z=0.35).inside
+    # the test measures displacements and the first force
+    rom.head["tolerance"] = 1.0
+    sure = rom.solve(activation=0.3, u_z=0.1)
+    assert sure.certified and sorted(sure.certified_probes) == ["middle", "reaction"]
     # beyond what any state reaches: not a number instead of a wrong value
     far = rom.solve(activation=1.0, u_z=-1.9)
     assert not far.inside and not far.converged

@@ -124,6 +124,14 @@ def test_the_answer_has_the_bars_by_which_its_search_ended(tmp_path: Path) -> No
     assert known and float(known[1]) == pytest.approx(100 * found["reached"], rel=0.05)
 
 
+def test_rounding_errors_of_a_body_that_is_turned_are_not_refined(tmp_path: Path) -> None:
+    ends = [{"set": end, "rotation": 90.0, "about": [0.3, -1.0]} for end in ("x0", "x1")]
+    wanted, material = probes("s cauchy_xx 1 0.5"), [neo(10.0, 200.0)]
+    body = scene("auto", box(size=[2, 1]), material=material, boundary=ends, probe=wanted)
+    found = run_deck(body, tmp_path)["refine"]
+    assert len(found["levels"]) == 1 and found["reached"] == 0
+
+
 def conducting(points: int, linear: dict[str, Any], *ends: Any, at: str) -> dict[str, Any]:
     """A heat-conducting square, at 0 on its left side, with the probe of a value."""
     return scene(
@@ -179,7 +187,7 @@ def test_the_points_that_follow_begin_with_the_load_steps_that_worked(tmp_path: 
     assert loads[0] < 1 and loads == sorted(loads)
 
 
-def test_points_of_a_linear_problem_are_searched() -> None:
+def test_points_of_a_linear_problem_are_searched(tmp_path: Path) -> None:
     """-u'' = sin(pi x) between ends at 0, the same at all heights."""
     deck = conducting(0, {"source": "sin(pi*x)"}, {"set": "x1", "u": 0}, at="0.5 0.5")
     deck["accuracy"] = 0.005
@@ -188,6 +196,8 @@ def test_points_of_a_linear_problem_are_searched() -> None:
         found = solved(opened, error=True)
     assert found.states.reasons[-1] == "the target error of 0.5 % is met"
     assert found.last()["value"] == pytest.approx(np.pi**-2, rel=0.005)
+    # the search's own solution is the answer
+    assert run_deck(deck, tmp_path)["timings_s"]["solve"] == 0
     deck["linear"]["exact"] = "sin(pi*x)/pi^2"
     with pytest.raises(InputError, match="refine: is not for linear problems whose solution is"):
         Scene.from_tables(deck).close()

@@ -82,8 +82,9 @@ class ReducedState:
     """Answer for one set of parameters."""
 
     def __init__(
-        self, parameters: dict[str, float], batch: Batch, shapes: F64, probe_units: dict[str, str]
-    ) -> None:
+        self, parameters: dict[str, float], batch: Batch, shapes: F64, probe_units: dict[str, str],
+        tested: list[str],
+    ) -> None:  # fmt: skip
         self.parameters = parameters  #: Values by key
         self.force: Any = batch.force[0].tolist()  #: The first force probe of the deck
         #: Values of all probes of the model by name, and their units, empty for ratios
@@ -99,6 +100,8 @@ class ReducedState:
         #: Whether the tolerance of the training is met, according to its test, and reasons against
         #: the answer
         self.certified = bool(batch.certified[0])
+        #: Names of the probes that this refers to: the test does not measure others, like stresses
+        self.certified_probes = tested if self.certified else []
         self.doubts = batch.doubts(0)
         self.iterations = int(batch.iterations[0])  #: Newton iterations
         self._amplitudes = batch.amplitudes[0]
@@ -112,7 +115,7 @@ class ReducedState:
         """Content that `myork rom solve --json` prints."""
         names = (
             "parameters", "force", "probes", "probe_units", "indicator", "inside", "converged",
-            "full", "certified", "doubts", "iterations",
+            "full", "certified", "certified_probes", "doubts", "iterations",
         )  # fmt: skip
         return {name: getattr(self, name) for name in names}
 
@@ -124,7 +127,8 @@ class ReducedState:
             f"  {name} {_six_digits(v)} {units[name]}".rstrip() for name, v in self.probes.items()
         )
         error = f"estimated relative error of the displacement {self.indicator:.1e}"
-        held = "within the tolerance of the training" if self.certified else "not certified"
+        sure = f"within the tolerance of the training: {', '.join(self.certified_probes)}"
+        held = sure if self.certified else "not certified"
         quality = "; ".join([f"{error}, {held}", *self.doubts])
         return "\n".join([f"at {given}", *found, quality])
 
@@ -290,7 +294,11 @@ class ReducedModel:
         row = self.rows(values)
         batch = self.batch(row, indicator=True)
         named = {p.key: float(v) for p, v in zip(self.parameters, row[0], strict=True)}
-        return ReducedState(named, batch, np.asarray(self._arrays["shapes"]), self.probe_units)
+        of = [(q["quantity"].partition("_")[0], q["name"]) for q in self.head["probes"]]
+        tested = [name for kind, name in of if kind == "u"]
+        tested += [name for kind, name in of if kind == "force"][:1]
+        shapes = np.asarray(self._arrays["shapes"])
+        return ReducedState(named, batch, shapes, self.probe_units, tested)
 
     def batch(
         self, values: F64, corrections: int | str = "converged", *, indicator: bool = False
