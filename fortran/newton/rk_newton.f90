@@ -31,7 +31,7 @@ module rk_newton
    real(wp), parameter :: share = 0.3_wp
    !> Smallest volume ratio of a first iterate where a smaller load step is possible, relative to
    !> that at the start of the load step; the largest may grow by the inverse [-]
-   real(wp), parameter :: squeezed = 0.2_wp
+   real(wp), parameter :: squeezed = 0.25_wp
    !> Step, and residual relative to the first, with which an intermediate state is accurate enough;
    !> so small a step does not change a tangent or its stability [-]
    real(wp), parameter :: near = 1.0e-3_wp

@@ -44,7 +44,7 @@ subroutine find_jumps(scene, error)
    type(error_type), allocatable, intent(inout) :: error
    integer, allocatable :: axis(:)
    real(wp), allocatable :: plane(:), point(:, :)
-   real(wp) :: low(3), step(3), from(scene%cloud%nd), width
+   real(wp) :: low(3), step(3), from(scene%cloud%nd), high(scene%cloud%nd), width
    integer :: count_of(scene%cloud%nd), d, i, k, n, nd
    logical :: by_coefficients, elsewhere
 
@@ -52,6 +52,7 @@ subroutine find_jumps(scene, error)
    elsewhere = .false.
    nd = scene%cloud%nd
    call lattice_frame(scene%cloud, low, step)
+   high = low(:nd) + step(:nd)*(scene%cloud%lattice - 1)
    point = scene%cloud%points
    do i = 1, size(point, 2)
       point(:, i) = lattice_coordinates(scene%cloud, point(:, i))
@@ -111,7 +112,7 @@ contains
       real(wp), intent(in) :: place(:)
       !> Coordinate of the second one
       real(wp), intent(in) :: end
-      real(wp) :: a, b, middle, before, after, off_surface
+      real(wp) :: a, b, middle, before, after, off_surface, width
       integer :: round
 
       a = place(d)
@@ -134,10 +135,14 @@ contains
       middle = point(d, minloc(abs(point(d, :) - b), dim=1))
       if (abs(b - middle) < same_place*step(d)) b = middle
       ! on the surface
-      off_surface = min(b - low(d), low(d) + step(d)*(scene%cloud%lattice(d) - 1) - b)
+      off_surface = min(b - low(d), high(d) - b)
       if (off_surface < same_place*step(d)) return
-      scene%thin_layers = by_coefficients .and. off_surface < least_skin*step(d)
-      elsewhere = scene%thin_layers .or. .not. goes_on(place, b)
+      width = least_skin*step(d)
+      ! a skin is there a cell aside as well; a wedge at an edge is not
+      if (by_coefficients .and. off_surface < width) scene%thin_layers = goes_on(place, &
+         & max(low(d), b - width), min(high(d), b + width), 1.0_wp)
+      width = same_place*step(d)
+      elsewhere = scene%thin_layers .or. .not. goes_on(place, b - width, b + width, beside/lines)
       if (elsewhere .or. any(axis == d .and. abs(plane - b) < same_place*step(d))) return
       axis = [axis, d]
       plane = [plane, b]
@@ -171,20 +176,23 @@ contains
    end function jump
 
    !> Whether the jump at a place is that of a plane: it extends to at least one side of the line
-   logical function goes_on(place, at)
-      real(wp), intent(in) :: place(:), at
-      real(wp) :: x(nd), near
+   logical function goes_on(place, from, to, aside)
+      !> A place on the line, and the coordinates between which the jump lies
+      real(wp), intent(in) :: place(:), from, to
+      !> Distance from the line at which it is sought, in cells [-]
+      real(wp), intent(in) :: aside
+      real(wp) :: x(nd)
       integer :: c, side
 
       goes_on = .true.
-      near = same_place*step(d)
       do c = 1, nd
          if (c == d) cycle
          goes_on = .false.
          do side = -1, 1, 2
             x = place
-            x(c) = x(c) + side*beside*step(c)/lines
-            goes_on = goes_on .or. jump(x, at - near, at + near) > least_jump
+            x(c) = x(c) + side*aside*step(c)
+            if (x(c) < low(c) .or. x(c) > high(c)) cycle
+            goes_on = goes_on .or. jump(x, from, to) > least_jump
          end do
          if (.not. goes_on) return
       end do

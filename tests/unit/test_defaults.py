@@ -84,7 +84,7 @@ FIRST, SECOND = {"order": 1, "support": 2.0}, {"order": 2, "support": 3.0}
 #: Narrower supports leave oscillations at walls that meet a plane of symmetry. On annuli windows
 #: turn with the angle, and a large penalty would corrupt the force.
 WIDE = SECOND | {"kernel": "quintic", "gauss": 2, "window": "product", "penalty": 100.0}
-TURNED = WIDE | {"gauss": 3, "window": "polar", "penalty": 10.0}
+TURNED = WIDE | {"window": "polar", "penalty": 10.0}
 NARROW = WIDE | {"kernel": "cubic"}
 WALL = ("cauchy_xx", [0.0, 1.0])
 

@@ -160,6 +160,16 @@ def test_a_skin_thinner_than_half_a_cell_has_no_kink_and_is_doubted() -> None:
     assert abs(found.last()["value"] - exact) < found.bar("value")
 
 
+def test_a_wedge_at_an_edge_is_no_thin_layer() -> None:
+    """Heat flows across an inclined interface."""
+    rise = "(x+y+z < 1.2 ? x+y+z : 1.2 + (x+y+z - 1.2)/5)"
+    law = {"problem": "poisson", "conductivity": "x+y+z < 1.2 ? 1 : 5"}
+    ends = [{"set": f"{axis}{end}", "u": rise} for axis in "xyz" for end in (0, 1)]
+    body, wanted = box(9, 9, 9, size=[1, 1, 1]), probes("middle u 0.4 0.4 0.4")
+    found = solved(scene("auto", body, linear=law, boundary=ends, probe=wanted), error=True)
+    assert found.states.verdict == "accepted"
+
+
 def long_beam(**geometry: Any) -> dict[str, Any]:
     """A beam ten times as long as high, bent upright by a dead load at its end: one step fails,
     smaller ones do not.
