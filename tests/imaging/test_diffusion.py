@@ -1,5 +1,8 @@
 """Tensors from diffusion images: compared with DIPY and truth, in any frame; command and maps."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dipy.core.gradients import gradient_table
@@ -58,22 +61,39 @@ def test_bad_signals_give_no_tensor_and_change_no_other(series):
     np.testing.assert_allclose(found[~bad], clean[~bad], rtol=1e-9)
 
 
+def doubts(dwi, table):
+    return diffusion.diffusion_doubts(dwi, table, fit_tensors(dwi, table))
+
+
 def test_a_table_in_another_order_is_doubted(phantom):
     """Exchanged directions raise a doubt at any noise; a flipped axis or seven images do not."""
     for directions, snr in ((12, 5.0), (30, 25.0)):
         dwi, table = phantom_dwi(phantom, snr=snr, directions=directions)
-        assert not diffusion.order_doubt(dwi, table)
+        assert not doubts(dwi, table)
         flipped = table.direction * [1.0, -1.0, 1.0]
-        assert not diffusion.order_doubt(dwi, GradientTable(table.b, flipped))
+        assert not doubts(dwi, GradientTable(table.b, flipped))
         order = np.arange(len(table.b))
         weighted = np.flatnonzero(~table.still)
         for seed in range(3):
             order[weighted] = np.random.default_rng(seed).permutation(weighted)
-            said = diffusion.order_doubt(dwi, GradientTable(table.b, table.direction[order]))
-            assert "the table may belong to another series" in said
+            said = doubts(dwi, GradientTable(table.b, table.direction[order]))
+            assert "the table may belong to another series" in said[0]
     few = np.r_[0, weighted[:6]]
     some = Image(dwi.data[..., few], dwi.affine)
-    assert not diffusion.order_doubt(some, GradientTable(table.b[few], table.direction[few[::-1]]))
+    other = np.r_[0, few[:0:-1]]
+    assert not doubts(some, GradientTable(table.b[few], table.direction[other]))
+
+
+@pytest.mark.parametrize(("factor", "change", "message"), [
+    (0.5, {}, r"volume 7 \(by a factor of 0.5\)"), (0.0, {}, "volume 7 "), (1.7, {}, "volume 7 "),
+    (1.0, {"direction": np.abs}, "have the same sign"),
+    (1.0, {"b": lambda b: 10.0 * b}, "up to 5000, are in s/mm"),
+])  # fmt: skip
+def test_damaged_volumes_lost_signs_and_other_units_are_doubted(series, factor, change, message):
+    dwi, table = series
+    data = dwi.data * np.where(np.arange(33) == 7, factor, 1.0)
+    table = replace(table, **{key: way(getattr(table, key)) for key, way in change.items()})
+    assert any(re.search(message, text) for text in doubts(Image(data, dwi.affine), table))
 
 
 @pytest.mark.parametrize("directions", [even_directions(5), np.tile([[0, 0, 1.0]], (8, 1))])
