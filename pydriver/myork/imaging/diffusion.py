@@ -135,8 +135,13 @@ def fit_tensors(dwi: Image, table: GradientTable) -> Image:
     - returns tensors in the world frame, shape `(ni, nj, nk, 6)` [mm^2/s]; not a number where a
       signal is not finite or no image without gradient has a signal
     """
-    unit = max(float(table.b.max()), 1.0)
+    unit = float(table.b.max())
     design = np.column_stack([np.ones(len(table.b)), -table.design() / unit])
+    if dwi.data.shape[3:] != (len(design),):
+        raise InputError(
+            f"{dwi.name}: a volume for each of {len(design)} gradients is needed, its shape is "
+            f"{dwi.data.shape}"
+        )
     condition = np.linalg.cond(design)
     if len(design) < 7 or not condition < _WORST_CONDITION:
         raise InputError(
@@ -222,7 +227,7 @@ def _volume_doubt(signal: F64, table: GradientTable) -> str:
 
 def _shells(table: GradientTable) -> F64:
     """A whole number for each image, the same for similar b values."""
-    return np.rint(20.0 * table.b / max(float(table.b.max()), 1.0))
+    return np.rint(20.0 * table.b / table.b.max())
 
 
 def _order_doubt(dwi: Image, table: GradientTable) -> str:
