@@ -41,8 +41,7 @@ _LEAST_SPARE = 5
 _OFF, _FREE, _LAST_B = 1.4, 0.3, 1200.0
 # Mean diffusivity of living and fixed tissue, with margins; free water has 3e-3 [mm^2/s]
 _DIFFUSIVITY = (3e-4, 4e-3)
-# Component of a direction that counts as zero, and directions from which on signs are mixed
-_ZERO, _SIGNED = 0.01, 6
+_ZERO = 0.01  # component of a direction that counts as zero
 # A design with a larger condition number does not determine all six components.
 _WORST_CONDITION = 1e4
 
@@ -187,7 +186,7 @@ def _sign_doubt(direction: F64) -> str:
     """A warning if the signs of directions in the frame of the voxels are lost; else empty."""
     general = (np.abs(direction) > _ZERO).all(axis=1)  # not the six along axes and diagonals
     one_sign = (direction > -_ZERO).all(axis=0) | (direction < _ZERO).all(axis=0)
-    if direction.any(axis=1).sum() < _SIGNED or not (general.any() and one_sign.all()):
+    if not (general.any() and one_sign.all()):
         return ""
     return (
         "along each voxel axis all components of its gradient directions have the same sign: signs "
@@ -198,10 +197,7 @@ def _sign_doubt(direction: F64) -> str:
 def _volume_doubt(signal: F64, table: GradientTable) -> str:
     """A warning naming volumes whose signal differs from that predicted by all others; else empty.
 
-    The prediction is a tensor of the whole body and a brightness for each b value: anisotropic
-    tissue, noise and signals that do not fall exponentially raise no doubt.
-
-    - `signal`: mean in the body, shape `(n,)`
+    - `signal`: mean in the body, shape `(n,)`; predicted by a tensor, and a brightness per b value
     """
     logarithm = np.log(np.maximum(signal, 1e-4 * (signal.max() or 1.0)))
     shell, design = _shells(table), table.design() / table.b.max()

@@ -192,10 +192,7 @@ def _remark(given: Orientation) -> str:
             f"walls of muscles do not decide whether fibers run along them {cosine}, .33 at random)"
         )
     if given.agreement is not None:
-        return (
-            f"gradient axes: agreement of the fibers with anatomy {given.agreement:+.2f} (from -1 "
-            f"to 1); {walls}"
-        )
+        return f"gradient axes: fibers agree with anatomy {given.agreement:+.2f} (of 1); {walls}"
     return (
         f"gradient axes: {walls}; a flip, or an exchange of the two axes across, cannot be seen "
         "without muscles of known names: look at the fibers in the report"
