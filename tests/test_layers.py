@@ -31,7 +31,8 @@ FORTRAN_LAYERS = [
 #: Modules and folders of the package, lowest first
 PYTHON_LAYERS = [
     {"types"},
-    {"errors", "records", "console"},
+    {"errors", "console"},
+    {"records"},
     {"arrays", "files"},
     {"model_file", "summary", "tables"},
     {"results"},

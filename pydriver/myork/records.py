@@ -4,17 +4,41 @@ Each is frozen, contains arrays only, and can be written to a file and read back
 """
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from myork.errors import InputError
 from myork.types import F64, I32
+
+
+def check_regular(affine: F64, name: str) -> None:
+    """Refuse an affine that does not give each voxel its place."""
+    known = affine.shape == (4, 4) and np.isfinite(affine).all()
+    if not known or np.linalg.matrix_rank(affine[:3, :3]) < 3:
+        size = np.linalg.norm(affine[:3, :3], axis=0)
+        raise InputError(
+            f"{name}: the affine is singular, not finite or not 4 x 4 (voxel size {size}); set "
+            "sform or qform of the file from the scanner's geometry"
+        )
 
 
 class _Grid:
     """Voxels with an affine."""
 
+    data: NDArray[Any]
     affine: F64
+    name: str
+    _dimensions: tuple[int, ...] = (3,)
+
+    def __post_init__(self) -> None:
+        if self.data.ndim not in self._dimensions:
+            raise InputError(
+                f"{self.name}: an array of {' or '.join(map(str, self._dimensions))} dimensions is "
+                f"needed, its shape is {self.data.shape}"
+            )
+        check_regular(self.affine, self.name)
 
     @property
     def spacing(self) -> F64:
@@ -30,6 +54,7 @@ class _Grid:
 class Image(_Grid):
     """Values on a regular grid of voxels."""
 
+    _dimensions = (3, 4)
     data: F64  #: Values, shape `(ni, nj, nk)`, or `(ni, nj, nk, nvalue)` for tensors and vectors
     #: Voxel indices to world coordinates (right, anterior, superior), shape `(4, 4)` [mm]
     affine: F64

@@ -1,5 +1,8 @@
 """Tensors from diffusion images: compared with DIPY and truth, in any frame; command and maps."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from dipy.core.gradients import gradient_table
@@ -58,22 +61,39 @@ def test_bad_signals_give_no_tensor_and_change_no_other(series):
     np.testing.assert_allclose(found[~bad], clean[~bad], rtol=1e-9)
 
 
+def doubts(dwi, table):
+    return diffusion.diffusion_doubts(dwi, table, fit_tensors(dwi, table))
+
+
 def test_a_table_in_another_order_is_doubted(phantom):
     """Exchanged directions raise a doubt at any noise; a flipped axis or seven images do not."""
     for directions, snr in ((12, 5.0), (30, 25.0)):
         dwi, table = phantom_dwi(phantom, snr=snr, directions=directions)
-        assert not diffusion.order_doubt(dwi, table)
+        assert not doubts(dwi, table)
         flipped = table.direction * [1.0, -1.0, 1.0]
-        assert not diffusion.order_doubt(dwi, GradientTable(table.b, flipped))
+        assert not doubts(dwi, GradientTable(table.b, flipped))
         order = np.arange(len(table.b))
         weighted = np.flatnonzero(~table.still)
         for seed in range(3):
             order[weighted] = np.random.default_rng(seed).permutation(weighted)
-            said = diffusion.order_doubt(dwi, GradientTable(table.b, table.direction[order]))
-            assert "the table may belong to another series" in said
+            said = doubts(dwi, GradientTable(table.b, table.direction[order]))
+            assert "the table may belong to another series" in said[0]
     few = np.r_[0, weighted[:6]]
     some = Image(dwi.data[..., few], dwi.affine)
-    assert not diffusion.order_doubt(some, GradientTable(table.b[few], table.direction[few[::-1]]))
+    other = np.r_[0, few[:0:-1]]
+    assert not doubts(some, GradientTable(table.b[few], table.direction[other]))
+
+
+@pytest.mark.parametrize(("factor", "change", "message"), [
+    (0.5, {}, r"volume 7 \(by a factor of 0.5\)"), (0.0, {}, "volume 7 "), (1.7, {}, "volume 7 "),
+    (1.0, {"direction": np.abs}, "have the same sign"),
+    (1.0, {"b": lambda b: 10.0 * b}, "up to 5000, are in s/mm"),
+])  # fmt: skip
+def test_damaged_volumes_lost_signs_and_other_units_are_doubted(series, factor, change, message):
+    dwi, table = series
+    data = dwi.data * np.where(np.arange(33) == 7, factor, 1.0)
+    table = replace(table, **{key: way(getattr(table, key)) for key, way in change.items()})
+    assert any(re.search(message, text) for text in doubts(Image(data, dwi.affine), table))
 
 
 @pytest.mark.parametrize("directions", [even_directions(5), np.tile([[0, 0, 1.0]], (8, 1))])
@@ -193,11 +213,12 @@ def test_right_tables_of_short_and_pennate_muscles_raise_no_doubt(pennation, sli
         assert check_orientation(calf.fiber, Labels(data, calf.truth.affine)).doubt == ""
 
 
-def test_outlines_that_end_before_the_image_are_no_walls():
-    """A short bar, drawn in part of the image, whose fibers lean 20 degrees."""
+@pytest.mark.parametrize(("degrees", "seen"), [(20, True), (35, True), (42, False)])
+def test_outlines_that_end_before_the_image_are_no_walls(degrees, seen):
+    """A short bar, drawn in part of the image, whose fibers lean."""
     x, y, z = centred(20, 16, 16)
     inside = ((x / 8) ** 2 + (y / 6) ** 2 < 1) & (np.abs(2.5 * z) < 16)
-    lean = np.radians(20.0)
+    lean = np.radians(degrees)
     along = np.array([np.sin(lean), 0.0, np.cos(lean)])
     affine = affine_of((1, 1, 2.5))
     muscle = Labels(inside.astype(np.int32), affine)
@@ -206,8 +227,10 @@ def test_outlines_that_end_before_the_image_are_no_walls():
         for way in (along, along[::-1])
     )
     # all around, the mean squared cosine to the wall normals is half that of the inclination
-    assert right.evidence[0].crossing == pytest.approx(0.5 * np.sin(lean) ** 2, abs=0.03)
-    assert right.doubt == "" and "swapped" in swapped.doubt
+    exact = 0.5 * np.sin(lean) ** 2
+    assert not seen or right.evidence[0].crossing == pytest.approx(exact, abs=0.03)
+    assert right.doubt == "" and ("swapped" in swapped.doubt) == seen
+    assert ("walls of muscles do not decide" in swapped.remark) == (not seen)
 
 
 def test_the_axes_are_those_of_the_diffusion_images(calf):

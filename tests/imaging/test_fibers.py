@@ -315,6 +315,7 @@ def test_a_label_without_a_name_has_that_of_its_material(tmp_path):
     )  # fmt: skip
     found = build(deck, tmp_path / "out")["model"]
     assert list(found["volume"]) == ["soleus", "fat"]
+    assert any("label 1 is soleus in the map, but a in" in text for text in found["warnings"])
     assert [row["muscle"] for row in found["muscles"]] == ["soleus", "fat"]
 
 

@@ -6,8 +6,10 @@ from scipy import ndimage
 
 from benchmarks.truths.scanners import write_gradients
 from myork.errors import FileError
+from myork.imaging.diffusion import fit_tensors
 from myork.imaging.gradients import GradientTable, read_gradients
 from myork.imaging.phantom import make_phantom
+from myork.records import Image, Labels
 from tests.scenes import refuses
 
 
@@ -80,6 +82,24 @@ def test_gradients_come_back_in_any_orientation(tmp_path):
         np.testing.assert_array_equal(again.b, table.b)
         if affine is not turned:  # FSL: negated where the determinant is positive
             np.testing.assert_allclose(np.loadtxt(tmp_path / "a.bvec")[:, 1], [-1, 0, 0])
+
+
+GRID, UNIT = np.zeros((2, 2, 2)), np.eye(3)
+
+
+@pytest.mark.parametrize(("message", "record", "first", "second"), [
+    ("needs? directions of shape", GradientTable, np.full(4, 500.0), UNIT),
+    ("must not be negative", GradientTable, np.array([0.0, -1.0, 500.0]), UNIT),
+    ("not finite", GradientTable, np.array([0.0, np.nan, 500.0]), UNIT),
+    ("no b value is above", GradientTable, np.array([0.0, 0.5, 1.0]), UNIT),
+    ("direction 1 has length 3", GradientTable, np.full(3, 500.0), 3.0 * UNIT),
+    ("3 or 4 dimensions", Image, GRID[0], np.eye(4)), ("3 dim", Labels, GRID[None], np.eye(4)),
+    ("not 4 x 4", Image, GRID, UNIT), ("singular", Labels, GRID, np.diag([1.0, 1, 0, 1])),
+    ("a volume for each of 1 gradients", fit_tensors, Image(GRID, np.eye(4)),
+     GradientTable(np.array([500.0]), UNIT[:1])),
+])  # fmt: skip
+def test_records_that_cannot_be_are_refused(message, record, first, second):
+    refuses(message, record, first, second)
 
 
 @pytest.mark.parametrize(("b", "v", "message"), [

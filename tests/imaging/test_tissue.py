@@ -1,6 +1,7 @@
 """Tissues: fuzzy clusters, tissues of a leg, bone as a boundary; shading; fractions in voxels."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from myork.model.points import BONE, changed_volumes, coarsen, select, trimmed
 from myork.model.shares import checked_parts, label_shares
 from myork.records import Image, Labels
 from myork.segmentation.fuzzy import bright_cluster
+from myork.segmentation.images import Images, segment_images
 from myork.segmentation.leg import _skin, find_bones, leg_tissues
 from myork.segmentation.partial import label_parts
 from myork.segmentation.regions import body_mask
@@ -180,6 +182,25 @@ def test_bone_of_images_of_water_and_fat():
 ])  # fmt: skip
 def test_what_the_rule_supposes_is_checked(keys, doubt):
     assert re.search(doubt, " ".join(leg_tissues(limb(**keys)[0]).doubts))
+
+
+@pytest.mark.parametrize(("radius", "muscle", "message"), [
+    (3, 0.4, ""), (9, 0.4, "signal of .* lies beyond"), (3, 2.5, "phase should be 'bright'"),
+])  # fmt: skip
+def test_lost_limbs_and_exchanged_phases_are_noticed(radius, muscle, message):
+    x, y, _ = centred(96, 96, 1)
+    away, second = np.hypot(x + 20, y), np.hypot(x - 28, y) < radius
+    data = np.where(away < 16, muscle, 1.0 * (away < 22)) + 0.1 * second
+    noisy = rician(data, 0.01, np.random.default_rng(1))
+    found = segment_images(Images(Image(noisy, np.eye(4))), table_defaults("image"))
+    assert bool(found.warnings) == bool(message)
+    assert re.search(message, "".join(found.warnings))
+
+
+def test_an_image_without_air_is_no_leg():
+    image, _, _ = limb(gap=2, bone=0.0)
+    inner = replace(image, data=image.data[30:-30, 30:-30])
+    refuses("without air around the limb", leg_tissues, inner)
 
 
 def test_a_trunk_is_no_limb():

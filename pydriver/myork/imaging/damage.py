@@ -84,7 +84,10 @@ def damaged_slices(image: Image) -> list[Damage]:
             _off(whole, place, _MOVED),
             f"a shift of {_MOVED:g} voxels or more against the neighbours",
         ),
-        Damage(_ghosts(whole, slices[whole], smooth), "a copy of the body in the air (ghost)"),
+        Damage(
+            _ghosts(whole, slices[whole], smooth),
+            "a copy of the body in the air (ghost, or a second, dim limb)",
+        ),
     ]
     return [fault for fault in faults if fault.slices]
 

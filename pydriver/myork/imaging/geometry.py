@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from myork.errors import InputError
-from myork.records import Image, Labels
+from myork.records import Image, Labels, check_regular
 from myork.types import F64, I32, I64, Index, Mask
 
 Grid = TypeVar("Grid", Image, Labels)
@@ -31,13 +31,9 @@ def check_affine(affine: F64, name: str) -> None:
 
     - `affine`: voxel indices to world coordinates, shape `(4, 4)` [mm]
     """
+    check_regular(affine, name)
     columns = affine[:3, :3]
     size = np.linalg.norm(columns, axis=0)
-    if not np.isfinite(affine).all() or size.min() <= 0:
-        raise InputError(
-            f"{name}: the affine is singular or not finite (voxel size {size}); "
-            "set sform or qform of the file from the scanner's geometry"
-        )
     if size.min() < _VOXEL[0] or size.max() > _VOXEL[1] or np.abs(affine[:3, 3]).max() > _FARTHEST:
         raise InputError(
             f"{name}: the affine is implausible (voxel size {size} mm, first voxel at "

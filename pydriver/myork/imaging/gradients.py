@@ -30,6 +30,37 @@ class GradientTable:
     b: F64  #: Weighting, shape `(n,)` [s/mm^2]
     direction: F64  #: Unit vectors in the world frame, zero without gradient, shape `(n, 3)` [-]
 
+    def __post_init__(self) -> None:
+        b = self.b
+        if self.direction.shape != (len(b), 3):
+            raise InputError(
+                f"{len(b)} b values need directions of shape ({len(b)}, 3), not "
+                f"{self.direction.shape}"
+            )
+        if not (b >= 0).all():
+            raise InputError(
+                f"b values must not be negative or not finite, the lowest is {b.min():g}"
+            )
+        if (b > _LARGEST_B).any():
+            raise InputError(
+                f"the b value {b.max():g} is implausible; its unit is s/mm^2, values are from 0 to "
+                "some 5000"
+            )
+        if self.still.all():
+            raise InputError(
+                f"no b value is above {STILL:g} s/mm^2, the highest is {b.max(initial=0.0):g}: "
+                "diffusion-weighted images are needed; 1 ms/um^2 is 1000 s/mm^2"
+            )
+        with np.errstate(over="ignore"):
+            length = np.linalg.norm(self.direction, axis=1)
+        lost = np.flatnonzero(~self.still & ~(np.abs(length - 1.0) <= 0.05))
+        if len(lost):
+            raise InputError(
+                f"direction {lost[0] + 1} has length {length[lost[0]]:.3g} with b = "
+                f"{b[lost[0]]:g}; directions must be unit vectors (for scaled ones, scale b "
+                "instead)"
+            )
+
     @property
     def still(self) -> Mask:
         """Mask of the images without gradient, shape `(n,)`."""
@@ -60,27 +91,12 @@ def read_gradients(bval: Path, bvec: Path, affine: F64, volumes: int) -> Gradien
             f"{bval} has {len(b)} values and {bvec} {len(vector)} directions, but there are "
             f"{volumes} diffusion images; use the files that were written with the images"
         )
-    if (b < 0).any():
-        raise InputError(f"{bval}: b values must not be negative, the lowest is {b.min():g}")
-    if (b > _LARGEST_B).any():
-        raise InputError(
-            f"{bval}: the b value {b.max():g} is implausible; its unit is s/mm^2, "
-            "values are from 0 to some 5000"
-        )
-    if (b <= STILL).all():
-        raise InputError(
-            f"{bval}: no b value is above {STILL:g} s/mm^2, the highest is {b.max():g}: diffusion-"
-            "weighted images are needed; 1 ms/um^2 is 1000 s/mm^2"
-        )
-    with np.errstate(over="ignore"):
-        length = np.linalg.norm(vector, axis=1)
-    lost = np.flatnonzero((b > STILL) & (np.abs(length - 1.0) > 0.05))
-    if len(lost):
-        raise InputError(
-            f"{bvec}: direction {lost[0] + 1} has length {length[lost[0]]:.3g} with b = "
-            f"{b[lost[0]]:g}; directions must be unit vectors (for scaled ones, scale b instead)"
-        )
-    vector = vector / np.maximum(length, 1e-9)[:, np.newaxis] * (b > STILL)[:, np.newaxis]
+    try:
+        table = GradientTable(b, vector)
+    except InputError as reason:
+        raise InputError(f"{bval} and {bvec.name}: {reason}") from None
+    length = np.linalg.norm(vector, axis=1)
+    vector = vector / np.maximum(length, 1e-9)[:, np.newaxis] * ~table.still[:, np.newaxis]
     return GradientTable(b, vector @ fsl_axes(affine).T)
 
 

@@ -15,6 +15,9 @@ from myork.segmentation.level_sets import Regions, wanted_phase
 from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
+# Muscle is less deep than this part of the depth of the other phase where phases are exchanged:
+# 0.3 in water images of limbs, from 0.85 (lean limbs with marrow) to 5 where fat is bright
+_SHALLOW = 0.4
 #: Name of the seed label for voxels that belong to no tissue
 BACKGROUND = "background"
 # Its number while the others are separated
@@ -173,6 +176,20 @@ def label_by_rules(
         return Labels(np.maximum(label, 0), image.affine, names, "segmentation"), doubts
     label, warnings = group_by_rules(result.region, image, muscles)
     return Labels(label, image.affine, names, "segmentation"), warnings
+
+
+def doubt_of_depth(labels: Labels, body: Mask, phase: str) -> str:
+    """Doubt if the phase taken for muscle lies under the skin and the other one deep inside."""
+    depth, muscle = depth_in_slices(body, labels.spacing[:2], cut=True), labels.data > 0
+    rest = body & ~muscle
+    own, deep = (float(np.median(depth[one])) if one.any() else 0.0 for one in (muscle, rest))
+    if own >= _SHALLOW * deep:
+        return ""
+    other = "bright" if phase == "dark" else "dark"
+    return (
+        f"the {phase} phase, labelled muscle, lies {own:.0f} mm under the skin (median), the other "
+        f"one {deep:.0f} mm, as if it were fat: check whether image.phase should be '{other}'"
+    )
 
 
 def doubt_of_phase(labels: Labels, wanted: Mask, phase: str) -> str:

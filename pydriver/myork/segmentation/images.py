@@ -23,6 +23,7 @@ from myork.segmentation.grouping import (
     BACKGROUND,
     Muscle,
     check_seeds,
+    doubt_of_depth,
     doubt_of_phase,
     label_by_phase,
     label_by_reference,
@@ -31,7 +32,7 @@ from myork.segmentation.grouping import (
     rule_seeds,
 )
 from myork.segmentation.level_sets import LevelSets, Regions, segment_regions, wanted_phase
-from myork.segmentation.regions import body_mask, box_mask, grown_mask
+from myork.segmentation.regions import body_mask, box_mask, grown_mask, lost_part
 from myork.segmentation.shading import shading
 from myork.segmentation.starts import seeded_regions
 from myork.types import F64, Mask
@@ -147,11 +148,12 @@ def segment_images(
     - `bias`: method of the shading: `auto` or `none`
     - `muscles`: rules by which regions are grouped
     """
-    body = images.body
+    body, doubts = images.body, []
     if body is None:
         # A region given by the user is kept whole: a threshold removes parts with weak coil signal,
         # and its rim removes the parts under the skin.
         body = _body_of(images)
+        doubts.append(lost_part(images.whole, body))
     shade, record = None, {"method": bias}
     if bias == "auto":
         progress("estimating the bias field")
@@ -191,18 +193,21 @@ def segment_images(
         progress(f"separating muscles: {table['split']}")
     fraction, seen = images.fraction(), images.whole
     others = images.heights(fraction, region) if table["split"] == "walk" else None
-    doubts: list[str] = []
     if reference is not None:
         labels = label_by_reference(table, seen, grey, result, reference)
     elif images.seeds is not None:
-        labels, doubts = label_by_seeds(table, seen, result, images.seeds, others)
+        labels, more_doubts = label_by_seeds(table, seen, result, images.seeds, others)
+        doubts += more_doubts
     elif muscles:
-        labels, doubts = label_by_rules(table, seen, result, muscles, others)
+        labels, more_doubts = label_by_rules(table, seen, result, muscles, others)
+        doubts += more_doubts
         if table["regions"] == 2:
             wanted = wanted_phase(result, grey, table["phase"])
             doubts.append(doubt_of_phase(labels, wanted, table["phase"]))
     else:
         labels = label_by_phase(table, image, grey, result)
+        if table["regions"] == 2 and images.fat is None:  # a fraction of fat says more
+            doubts.append(doubt_of_depth(labels, body, table["phase"]))
     if not (labels.data > 0).any():
         raise InputError(
             f"{image.name}: the segmentation is empty, no voxel got a label; check whether "

@@ -21,7 +21,7 @@ from myork.records import Image, Labels
 from myork.segmentation.channels import local_means, scaled_values
 from myork.segmentation.fuzzy import bright_cluster
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
-from myork.segmentation.regions import body_mask, large_pieces
+from myork.segmentation.regions import body_mask, large_pieces, lost_part
 from myork.segmentation.scores import dice
 from myork.types import F64, Mask
 
@@ -116,10 +116,16 @@ def leg_tissues(
     if connective is not None:
         sheets = _shaded_apart(connective, soft, sheets, fatty)
     inside = inner & ~sheets
+    if not (inside & ~fatty).any():
+        raise InputError(
+            f"{shown.name}: all inside the skin is fat: without air around the limb its skin is "
+            "not found (name the limb in image.body), or fat is not bright in this image"
+        )
     fat_inside = _drawn_anew(shown.data, more, inside, fatty, anatomy.spacing)
     doubts = _doubts(shown, body, inside, fat_inside)
     if found_body:
         doubts += _beyond(anatomy, body) + _boneless(anatomy, body, bone)
+        doubts += [text for text in [lost_part(anatomy, body)] if text]
     fatty = np.where(inside, fat_inside, fatty)
     # A voxel that is bright in both images lies between fat and connective tissue.
     sheets &= ~fatty

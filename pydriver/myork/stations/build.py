@@ -142,6 +142,15 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
     labels = files.labels("labels")
     assert labels is not None
     names = {own["label"]: own["name"] for own in materials if "label" in own}
+    for own in materials:
+        name, drawn = own["name"], labels.names.get(own.get("label", 0), own["name"])
+        one, other = (text.casefold().replace("_", " ") for text in (name, drawn))
+        # a muscle with a name of its own may be called muscle in the map
+        if one not in other and other not in one and drawn != own["model"]:
+            files.grid.doubt(
+                f"{labels.name}: label {own['label']} is {drawn} in the map, but {name} in "
+                "[[material]]: if they are not the same tissue, change material.label"
+            )
     labels = replace(labels, names=names | labels.names)
     fibers = None if files.table["flow"] else files.image("fibers", labels, 3)
     return Body(labels, fibers, fractions=files.image("fractions", labels, None))

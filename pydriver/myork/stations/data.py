@@ -179,8 +179,8 @@ class DeckFiles:
         dwi = self.folder / self.table.get("dwi", "")
         if dwi.is_file():
             self.grid.tell_strangers(dwi, gradient_files(dwi))
-        if found is not None and found.doubt:
-            self.grid.doubt(found.doubt)
+        for text in found.doubts if found else ():
+            self.grid.doubt(text)
         if found is not None and found.mean is not None:
             self.grid.note(found.mean.name, damaged_slices(found.mean))
         return found
