@@ -93,7 +93,7 @@ def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
     return drawn | {"figure": problem}
 
 
-# ---- trust, methods, curves: every form on the problems of a new user ----------------------------
+# ---- trust, methods: every form on the problems of a new user ----------------------------
 
 
 def _every_form(
@@ -207,24 +207,6 @@ def _methods(rows: Rows) -> dict[str, Any]:
         "tables": [
             table("Verdicts, and median errors of the probes", counted),
         ],
-    }
-
-
-def _curves(rows: Rows) -> dict[str, Any]:
-    """Error over time of each form and of finite elements."""
-    plots = [
-        _curve(problem, kind, rows)
-        for problem in dict.fromkeys(row["problem"] for row in rows)
-        for kind in ("displacement", "force")
-    ]
-    return {
-        "title": "Error over time",
-        "about": "The rows of `trust`: largest relative errors of the probes of each kind, one "
-        "figure per problem. `auto` is the default. Times are those of a whole run, including "
-        "set-up, output and the second solution for error bars; those of felupe are of the solve "
-        "alone.",
-        "tables": [],
-        "plots": [drawn for drawn in plots if drawn["series"]],
     }
 
 
@@ -599,7 +581,6 @@ RANDOM: Mapping[str, Any] = {"unseen": unseen, "layers": unseen_layers, "maps": 
 PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] | None]] = {
     "trust": (_every_form, _trust),
     "methods": (_every_form, _methods),
-    "curves": (_every_form, _curves),
     "newcomer": (_twenty_decks, _newcomer),
     "certify": (_boxes, _certify),
     **{name: (module.rows, partial(_halves, view=name)) for name, module in RANDOM.items()},

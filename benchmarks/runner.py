@@ -2,11 +2,10 @@
 
     python benchmarks/runner.py NAME... [--quick] [--only PROBLEM] [--out DIR]
 
-solves the rows of `trust`, `methods`, `curves`, `newcomer`, `certify`, `unseen`, `layers`,
-`maps` or `race` (`methods` and `curves` are other views of those of `trust`), and writes `NAME.md`,
-a view of them, and figures of its curves to `docs/results` or DIR. `myork bench NAME` writes all
-rows to `bench.json`. Of `linear`, `nonlinear` and `rom`, tables of `studies.py`, the runner writes
-the page.
+solves the rows of `trust`, `methods`, `newcomer`, `certify`, `unseen`, `layers`, `maps` or `race`
+(`methods` is another view of those of `trust`), and writes `NAME.md`, a view of them, and figures
+of its curves to `docs/results` or DIR. `myork bench NAME` writes all rows to `bench.json`. Of
+`linear`, `nonlinear` and `rom`, tables of `studies.py`, the runner writes the page.
 
     python benchmarks/runner.py truths NAME [[FIRST] LAST]
 
@@ -70,7 +69,7 @@ _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
 #: Views that can be restricted to some problems
-OF_SOME = ("trust", "methods", "curves", "race")
+OF_SOME = ("trust", "methods", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "across": ("across",),

@@ -211,18 +211,6 @@ def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
     assert not [out for out in outputs if out.get("name") == "stderr"]
 
 
-def test_words_of_the_field_stand_in_sources() -> None:
-    """None of the words that the project avoids; see CONTRIBUTING."""
-    avoided = ("foretold", "led astray", "that is none")
-    sources = [*ROOT.glob("fortran/**/*.*"), *ROOT.glob("pydriver/**/*.py")]
-    assert not [
-        f"{name_of(path)}: {word}"
-        for path in sources
-        for word in avoided
-        if word in path.read_text(encoding="utf-8")
-    ]
-
-
 # ---- links, numbers of the README, citation ------------------------------------------------------
 
 

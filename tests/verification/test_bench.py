@@ -2,7 +2,6 @@
 
 import json
 import math
-import re
 from pathlib import Path
 from typing import Any
 
@@ -112,20 +111,17 @@ def test_newcomer(tmp_path: Path) -> None:
     assert max(max(case["error"].values()) for case in bench["cases"]) < 0.05
 
 
-def test_methods_and_curves_are_views_of_the_same_rows(tmp_path, monkeypatch):
-    """Pages of the runner; a second view solves nothing."""
+def test_methods_are_a_view_of_the_same_rows(tmp_path, monkeypatch):
+    """A page of the runner."""
     solve, _ = PIVOTS["newcomer"]
     rows = solve(silent, True)
-    for name in ("methods", "curves", "trust"):
+    for name in ("methods", "trust"):
         monkeypatch.setitem(PIVOTS, name, (lambda *_: list(rows), PIVOTS[name][1]))
-    runner.main("methods", "curves", "--quick", "--out", str(tmp_path))
+    runner.main("methods", "--quick", "--out", str(tmp_path))
     page = (tmp_path / "methods.md").read_text("utf-8")
     assert "Written by `python benchmarks/runner.py methods --quick` on 20" in page
     (line,) = [line for line in page.splitlines() if line.startswith("| auto |")]
     assert line.split(" | ")[1:4] == ["2", "0", "0"]
-    page = (tmp_path / "curves.md").read_text("utf-8")
-    pictures = re.findall(r"^!\[.+\]\((.+\.png)\)$", page, re.M)
-    assert len(pictures) == 2 and all((tmp_path / name).is_file() for name in pictures)
 
 
 def test_certify(tmp_path: Path) -> None:

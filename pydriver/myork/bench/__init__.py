@@ -16,7 +16,7 @@ __all__ = ["BENCHES", "run_benches"]
 
 #: Benchmarks of a checkout
 BENCHES = (
-    "linear", "nonlinear", "rom", "trust", "methods", "curves", "newcomer", "certify", "race",
+    "linear", "nonlinear", "rom", "trust", "methods", "newcomer", "certify", "race",
 )  # fmt: skip
 
 
