@@ -365,6 +365,7 @@ logical function never_strained(problem, load, x) result(never)
    type(field_state) :: state
    integer :: k
 
+   never = .false.
    do k = size(load), 1, -1
       call problem%state(x(:, k), load(k), state)
       never = problem%unstrained(state)
