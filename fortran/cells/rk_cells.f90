@@ -56,9 +56,8 @@ module rk_cells
       real(wp), allocatable :: part(:)
       !> Side of the body that each lies on, shape (ms)
       integer, allocatable :: set(:)
-      !> Face of a Gauss cell in a lattice that each lies on, shape (ms), 2 nd faces of a cell, and
-      !> cells in each direction; not allocated elsewhere
-      integer, allocatable :: face(:), lattice(:)
+      !> Face of a Gauss cell in a lattice that each lies on, shape (ms); not allocated elsewhere
+      integer, allocatable :: face(:)
       !> Boundary entry represented by each, 0 for none, shape (ms); not allocated where surface
       !> points have positions of their own
       integer, allocatable :: entry(:)

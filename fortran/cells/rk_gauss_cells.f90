@@ -128,12 +128,11 @@ subroutine gauss_cells(self, scene, error)
       faces = sum([(2*product(cells)/cells(d), d=1, nd)])*count**(nd - 1) &
          & + sum(merge(1, 0, cut))*(size(fine%node)**(nd - 1) - count**(nd - 1))
       self%per_cell = own
-      self%linear = lattice%polar .and. scene%approximation%order > 1
+      self%linear = lattice%polar .and. scene%approximation%order == 2
       allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
       allocate (self%point(nd, np), self%weight(np), self%first(product(groups) + 1))
       allocate (self%surface(nd, faces), self%outward(nd, faces), self%set(faces), &
          & self%face(faces))
-      self%lattice = cells
       allocate (self%part(faces), source=1.0_wp)
       allocate (self%lift_point(faces*own), self%lift(faces*own))
       self%lift_first = [(own*k, k=0, faces)]

@@ -85,7 +85,7 @@ module rk_gradient
 contains
 
 !> Set up the gradients
-subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, follows)
+subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, follows, source)
    type(gradient_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
@@ -97,6 +97,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
    logical, intent(in) :: essential(:, :)
    !> Block whose unknown a prescribed component follows, 0 if none, shape (fields, ms)
    integer, intent(in) :: follows(:, :)
+   !> Source points, shape (nd, n) [length]
+   real(wp), intent(in) :: source(:, :)
    type(csr_type) :: facets, lifts, surfaces
    integer, allocatable :: surface_of(:), touched(:)
    real(wp), allocatable :: plain(:, :), common(:, :), slope(:, :, :), taken(:, :, :)
@@ -143,6 +145,7 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
             lifted = .false.
             call gather_point()
             self%start(q) = entries
+            if (pass == 2 .and. cells%linear) call reproduce()
             if (pass == 2) call keep()
             entries = entries + n
             values = values + merge(fields*n, n, lifted)
@@ -219,6 +222,34 @@ contains
          end do
       end do
    end subroutine take_common
+
+   !> Gradients of constant and linear functions are exact, whatever the rule of the arcs
+   subroutine reproduce()
+      real(wp) :: a(2, 2), mean(2), x(2)
+      integer :: j, k
+
+      call inside%row(q, nodes, psi)
+      mean = 0.0_wp
+      do k = 1, n
+         mean = mean + plain(:, touched(k))
+      end do
+      do j = 1, size(nodes)
+         plain(:, nodes(j)) = plain(:, nodes(j)) - psi(1, j)*mean
+      end do
+      a = 0.0_wp
+      do k = 1, n
+         if (touched(k) > size(source, 2)) cycle
+         x = source(:, touched(k)) - cells%point(:, q)
+         a(:, 1) = a(:, 1) + x*plain(1, touched(k))
+         a(:, 2) = a(:, 2) + x*plain(2, touched(k))
+      end do
+      a = reshape([a(2, 2), -a(2, 1), -a(1, 2), a(1, 1)], [2, 2])/(a(1, 1)*a(2, 2) &
+         & - a(1, 2)*a(2, 1))
+      do k = 1, n
+         plain(:, touched(k)) = [plain(1, touched(k))*a(1, 1) + plain(2, touched(k))*a(2, 1), &
+            & plain(1, touched(k))*a(1, 2) + plain(2, touched(k))*a(2, 2)]
+      end do
+   end subroutine reproduce
 
    !> Gradients at a point in addition to those of its cell, and the part subtracted by lifting
    subroutine gather_point()

@@ -70,6 +70,8 @@ module rk_verdict
    !> and may be right where J at points is not: users of the field are warned, and the error bar of
    !> a probe of J includes it
    real(wp), parameter :: of_point_volume = 0.05_wp
+   !> The same of a model, whose usual blocks leave up to 20 % [-]
+   real(wp), parameter :: of_block_volume = 0.2_wp
    !> Share of the surface at narrow gaps from which on they matter [-]
    real(wp), parameter :: least_gaps = 0.01_wp
    !> Why a state is doubtful if its tangent is not positive definite
@@ -146,7 +148,8 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
          & //'sets do not balance: the residual is # of the largest', curable=.true.)
       if (outcome%unstable) call self%object(doubtful, unstable)
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
-      if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, off)
+      if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, &
+         & receiver, off)
    end if
    outcome%warnings = outcome%warnings//self%reasons
    if (problem%scene%thin_layers) then
@@ -352,9 +355,10 @@ subroutine judge_volume(self, problem, state)
 end subroutine judge_volume
 
 !> Warn where J at points differs from that of the pressure, which weak forms match only over cells
-subroutine warn_of_volume(problem, outcome, off)
+subroutine warn_of_volume(problem, outcome, receiver, off)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(inout) :: outcome
+   class(recorder_type), intent(inout) :: receiver
    !> Root mean square of the difference [-]
    real(wp), intent(out) :: off
    type(point_state) :: local
@@ -368,11 +372,10 @@ subroutine warn_of_volume(problem, outcome, off)
       off = off + (determinant(local%f) - pressed_volume(problem, ip, local))**2
    end do
    off = sqrt(off/max(count(.not. outcome%broken), 1))
-   if (off <= of_point_volume) return
-   ! for users of fields: with the usual blocks most bodies of voxels have it
-   outcome%warnings = outcome%warnings//'J at points differs by '//to_text(100.0_wp*off, 2) &
-      & //' % (root mean square) from the value given by the pressure: stresses and forces use ' &
-      & //'its mean over cells; use more points before you use J or F'//new_line('a')
+   if (off <= merge(of_block_volume, of_point_volume, allocated(problem%scene%cloud%block))) return
+   call outcome%warn('J at points differs by '//to_text(100.0_wp*off, 2)//' % (root mean square) ' &
+      & //'from the value given by the pressure: stresses and forces use its mean over cells; ' &
+      & //'use more points before you use J or F', receiver)
 end subroutine warn_of_volume
 
 !> Places of output that are inverted or whose stress is not finite. Corners of fixed faces are

@@ -154,7 +154,7 @@ subroutine new_galerkin(self, scene, error)
    if (allocated(error)) return
    blocks = ns + self%surface%plates%count
    call new_gradient(self%gradient, self%cells, blocks, self%inside, facet, self%surface%shape, &
-      & self%surface%essential, self%surface%plates%follows)
+      & self%surface%essential, self%surface%plates%follows, scene%cloud%source)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
    call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), &

@@ -5,7 +5,6 @@ module rk_weak_conditions
    use rk_conditions, only : conditions_at
    use rk_csr, only : csr_type
    use rk_error, only : error_type
-   use rk_lattice, only : digits_of, place_of
    use rk_neighbours, only : nearest_points
    use rk_plates, only : new_plates, plates_type
    use rk_precision, only : i8, wp
@@ -250,54 +249,35 @@ subroutine set_penalty(self, scene, cells, shear)
       & scene%galerkin%penalty, allocated(scene%equation%problem))
 end subroutine set_penalty
 
-!> Lower the penalty on faces of Gauss cells where the held part of a side ends. Displacements are
-!> singular there, and smooth functions that are held up to the border are held beyond it: a sheet
-!> held over a part of a side was up to 12 % too stiff with cells of a twentieth of its height, with
-!> the lower penalty it is right to 1.4 %.
+!> Lower the penalty on faces of Gauss cells that the border of a held part of a side cuts.
+!> Displacements are singular there, and smooth functions that are held up to the border are held
+!> beyond it: a sheet held over a part of a side was up to 12 % too stiff with cells of a twentieth
+!> of its height, as if held up to the next points; with the lower penalty it is right to 1.2 %.
 subroutine relax_borders(self, cells, penalty, linear)
    class(surface_type), intent(inout) :: self
    type(cells_type), intent(in) :: cells
    !> Penalty elsewhere [-]
    real(wp), intent(in) :: penalty
    logical, intent(in) :: linear
-   !> Penalty there, by whether the problem is linear [-]
+   !> Penalty there, in nonlinear and in linear problems [-]
    real(wp), parameter :: at_border(2) = [10.0_wp, 5.0_wp]
    !> Shares of a face below this are rounding errors [-]
    real(wp), parameter :: rounded = 1.0e-6_wp
    real(wp), allocatable :: share(:, :), area(:)
-   logical, allocatable :: ends(:)
-   integer :: cell(3), next(3), e, f, g, k, nd, s, way
+   integer :: f, s
 
-   nd = size(cells%surface, 1)
-   k = 2*nd*product(cells%lattice)
-   allocate (share(size(self%essential, 1), k), area(k), source=0.0_wp)
-   allocate (ends(k), source=.false.)
+   f = maxval(cells%face)
+   allocate (share(size(self%essential, 1), f), area(f), source=0.0_wp)
    do s = 1, size(cells%face)
       f = cells%face(s)
       area(f) = area(f) + self%area(s)
       where (self%essential(:, s)) share(:, f) = share(:, f) + self%area(s)
    end do
-   do f = 1, k
-      if (area(f) > 0.0_wp) share(:, f) = share(:, f)/area(f)
+   do s = 1, size(cells%face)
+      f = cells%face(s)
+      if (any(share(:, f) > rounded*area(f) .and. share(:, f) < (1.0_wp - rounded)*area(f))) &
+         & self%penalty(s) = min(1.0_wp, at_border(merge(2, 1, linear))/penalty)*self%penalty(s)
    end do
-   do f = 1, k
-      ends(f) = any(share(:, f) > rounded .and. share(:, f) < 1.0_wp - rounded)
-      if (.not. any(share(:, f) > rounded) .or. ends(f)) cycle
-      ! a border along this face
-      cell = digits_of((f - 1)/(2*nd), cells%lattice)
-      do e = 1, nd
-         do way = -1, 1, 2
-            next = cell
-            next(e) = cell(e) + way
-            if (next(e) < 0 .or. next(e) >= cells%lattice(e)) cycle
-            g = 2*nd*(place_of(next, cells%lattice) - 1) + mod(f - 1, 2*nd) + 1
-            ends(f) = ends(f) .or. area(g) > 0.0_wp .and. any(share(:, f) > rounded &
-               & .and. share(:, g) < rounded)
-         end do
-      end do
-   end do
-   k = merge(2, 1, linear)
-   where (ends(cells%face)) self%penalty = min(1.0_wp, at_border(k)/penalty)*self%penalty
 end subroutine relax_borders
 
 !> Source points and plates coupled by each surface point, none where it is free

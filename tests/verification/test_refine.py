@@ -91,8 +91,9 @@ def test_traction_on_a_free_wall_is_within_bars() -> None:
 @pytest.mark.slow
 def test_part_of_a_side_is_held_to_its_border() -> None:
     """A pad pressed into a sheet: finite elements that end at its border give 9.197, 9.101 and
-    9.040 on finer and finer meshes. Prescribed at source points the force was 3 to 9 % low. On
-    points whose lattice contains the border it is 3 % high; half as many points show half of that.
+    9.040 on finer and finer meshes, 8.93 in the limit. Prescribed at source points the force was 3
+    to 9 % low. On points whose lattice contains the border it is 3 % high; half as many points show
+    half of that.
     """
     deck = scene(
         "auto", box(size=[2, 1]), material=[neo(10, 1000)],
@@ -101,8 +102,7 @@ def test_part_of_a_side_is_held_to_its_border() -> None:
         probe=probes("force force_y pad"),
     ) | {"scene": {"dimension": 2}}  # fmt: skip
     found = solved(deck, error=True)
-    assert found.last()["force"] == pytest.approx(-9.0, rel=0.01)
-    assert found.bar("force") < 0.02 * 9.0
+    assert abs(found.last()["force"] + 8.93) < found.bar("force") < 0.02 * 9.0
 
 
 def test_a_search_that_its_cost_ends_writes_how_far_it_came(tmp_path: Path) -> None:
