@@ -164,16 +164,23 @@ pure subroutine lines_of(text, lines)
    character(len=*), intent(in) :: text
    !> Lines, padded with blanks
    character(len=*), allocatable, intent(inout) :: lines(:)
-   integer :: i, n
+   integer :: pass, length, n, start
 
-   n = 0
-   do while (len(line(text, n + 1)) > 0)
-      n = n + 1
-   end do
-   if (allocated(lines)) deallocate (lines)
-   allocate (lines(n))
-   do i = 1, n
-      lines(i) = line(text, i)
+   ! the first pass only counts, both in one run over the text
+   do pass = 1, 2
+      n = 0
+      start = 1
+      do while (start <= len(text))
+         length = index(text(start:), new_line('a')) - 1
+         if (length < 0) length = len(text) - start + 1
+         if (length == 0) exit
+         n = n + 1
+         if (pass == 2) lines(n) = text(start:start + length - 1)
+         start = start + length + 1
+      end do
+      if (pass == 2) exit
+      if (allocated(lines)) deallocate (lines)
+      allocate (lines(n))
    end do
 end subroutine lines_of
 
