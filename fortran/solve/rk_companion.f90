@@ -293,7 +293,8 @@ subroutine choose_companion(self, scene, deck, words)
       ! in 2D the error of stresses at the surface is 0.3 % instead of 10 % at little cost
       if (self%method == 'rkpm-gauss' .and. scene%cloud%nd == 2) then
          words = words//'approximation.kernel=quintic'//nl//'approximation.order=2'//nl &
-            & //'approximation.support=3'//nl//'galerkin.gauss=2'//nl
+            & //'approximation.support=3'//nl//'galerkin.gauss='//merge('3', '2', &
+            & scene%cloud%polar)//nl
       else
          words = words//'approximation.kernel=cubic'//nl//'approximation.order=1'//nl &
             & //'approximation.support=2'//nl//'galerkin.gauss=2'//nl

@@ -104,7 +104,7 @@ COVERED: dict[str, tuple[Any, Any, float, str, float]] = {
     # three cells across fold, four do not: the answer is that of twelve cells
     "half as many cells fold": (
         squeezed([7, 8], -0.2, "x u_x 2.4 2.4", "y u_y 2.4 2.4"),
-        squeezed([13, 15], -0.2, "x u_x 2.4 2.4", "y u_y 2.4 2.4"), 0.0, "accepted", 0.02,
+        squeezed([13, 15], -0.2, "x u_x 2.4 2.4", "y u_y 2.4 2.4"), 0.0, "accepted", 0.03,
     ),
     # the muscle moves by hundredths of what the same stress would cause in a free one: half as many
     # cells give its force, with a difference of a third
@@ -367,7 +367,7 @@ def test_a_straight_sheet_that_buckles_is_unstable(pressed, unstable, asked):
 
 
 def test_a_jump_past_a_load_that_the_body_cannot_carry_is_not_accepted() -> None:
-    """Suction buckles a ring at .68 of the load: one step ends beyond it, three before it."""
+    """Suction buckles a ring at .68 of the load: one step ends beyond it, six before it."""
     soft = 2.114535721824404
     b = {"name": "b", "model": "polynomial", "K": 40 * soft, "A10": soft, "A20": 0.1 * soft}
     materials = [neo(9.94, 4970.0, "a"), b | {"where": "x > 1.50034"}]
@@ -375,7 +375,7 @@ def test_a_jump_past_a_load_that_the_body_cannot_carry_is_not_accepted() -> None
     states, _ = solved(tables)
     assert states.verdict == "doubtful"
     assert any("no error estimate" in reason for reason in states.reasons)
-    refuses("last converged load 0.6", solved, tables, "load.steps=3", kind=ConvergenceError)
+    refuses("last converged load 0.6", solved, tables, "load.steps=6", kind=ConvergenceError)
 
 
 def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
