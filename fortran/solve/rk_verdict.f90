@@ -13,6 +13,7 @@ module rk_verdict
    use rk_discretisation, only : deformation, discretisation_type
    use rk_ellipticity, only : ellipticity_type, find_ellipticity
    use rk_error, only : error_type
+   use rk_follower, only : has_free_rim
    use rk_gaps, only : find_gaps
    use rk_precision, only : wp
    use rk_probes, only : quantity_kind, pressed_volume
@@ -75,10 +76,9 @@ module rk_verdict
    !> Share of the surface at narrow gaps from which on they matter [-]
    real(wp), parameter :: least_gaps = 0.01_wp
    !> Why a state is doubtful if its tangent is not positive definite
-   character(len=*), parameter :: unstable = 'the equilibrium is unstable (under a following ' &
-      & //'pressure with a free rim: may be), its tangent is not positive definite: a small ' &
-      & //'disturbance takes the body to another state; add a small transverse load and ' &
-      & //'load.steps to get there, reduce the load or constrain the body'
+   character(len=*), parameter :: unstable = 'unstable, its tangent is not ' &
+      & //'positive definite: a small disturbance takes the body to another state; add a small ' &
+      & //'transverse load and load.steps to get there, reduce the load or constrain the body'
 
    !> Verdict with its reasons and the error bars
    type :: verdict_type
@@ -146,7 +146,9 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
       call judge_works(self, problem, outcome)
       call self%compare(outcome%imbalance, of_balance, 'the forces on all boundary ' &
          & //'sets do not balance: the residual is # of the largest', curable=.true.)
-      if (outcome%unstable) call self%object(doubtful, unstable)
+      ! with pressures that follow a free rim only the symmetric part of the tangent is known
+      if (outcome%unstable) call self%object(doubtful, 'the equilibrium '//trim(merge('may be', &
+         & 'is    ', has_free_rim(problem%scene)))//' '//unstable)
       if (problem%has_pressure()) call judge_volume(self, problem, outcome%peak)
       if (index(problem%scene%method, 'rkpm') == 1) call warn_of_volume(problem, outcome, &
          & receiver, off)
