@@ -162,7 +162,8 @@ subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, foll
 contains
 
    !> Part common to all points of a closed cell: the mean gradient by the divergence theorem over
-   !> its facets and surface, in place of the mean by quadrature
+   !> its facets and surface, in place of the mean by quadrature; the first moments about its centre
+   !> likewise give the slopes, shape (nd, nd, :), the last index that of source points [1/length^2]
    subroutine gather_cell()
       real(wp) :: volume, weight
       real(wp) :: moment(nd, nd)
@@ -209,7 +210,7 @@ contains
       end do
    end subroutine gather_cell
 
-   !> Part of the cell at a point
+   !> Mean and slopes of the cell at a point
    subroutine take_common()
       real(wp) :: arm(nd)
       integer :: a, k

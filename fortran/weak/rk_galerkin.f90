@@ -300,8 +300,8 @@ subroutine start(self, x, load, iteration)
 end subroutine start
 
 !> Whether an equilibrium is unstable: its tangent is not positive definite. With pressures that
-!> follow a free rim its symmetric part is judged, which is lost before the tangent is
-!> singular. False if the tangent is not formed.
+!> follow a free rim its symmetric part is judged, which is lost before the tangent is singular.
+!> False if the tangent is not formed.
 logical function is_unstable(self, x, load)
    class(galerkin_problem), target, intent(inout) :: self
    real(wp), contiguous, intent(in) :: x(:)
