@@ -63,7 +63,7 @@ def allowed(spec: dict[str, Any]) -> str:
     if "as_many_as" in spec:
         parts.append(f"as many as {' or '.join(code([word]) for word in spec['as_many_as'])}")
     if "not_beside" in spec:
-        parts.append(f"not beside {code(spec['not_beside'])}")
+        parts.append(f"not together with {code(spec['not_beside'])}")
     if "expression" in spec:
         parts.append("in " + EXPRESSIONS[spec["expression"]])
     parts += [
@@ -85,7 +85,7 @@ def needed(spec: dict[str, Any]) -> str:
         words.append(f"{'otherwise ' * bool(words)}`{toml_text(spec['default'])}`")
     if "only_if" in spec:
         need, text = "needed" if spec.get("required") else "only", condition_text(spec["only_if"])
-        words.append(f"{need} {text if text.startswith('beside') else 'for ' + text}")
+        words.append(f"{need} {text if text.startswith('together') else 'for ' + text}")
     return "; ".join(words)
 
 
@@ -97,7 +97,7 @@ def condition_text(conditions: dict[str, list[Any]]) -> str:
             parts.append(FACTS[key])
             continue
         if not values:
-            parts.append(f"beside {code([key])}")
+            parts.append(f"together with {code([key])}")
             continue
         if key == "scene.method" and sorted(values) == ["rkpm-gauss", "rkpm-scni"]:
             parts.append("Galerkin forms")
@@ -130,7 +130,7 @@ def section(name: str, table: dict[str, Any]) -> str:
     if "needed_by" in table:
         sentences.append(f"Needed by {code(table['needed_by'])}.")
     if "not_beside" in table:
-        sentences.append(f"It is not needed beside `[{table['not_beside']}]`.")
+        sentences.append(f"It is not needed together with `[{table['not_beside']}]`.")
     if "only_if" in table:
         sentences.append(f"Only for {condition_text(table['only_if'])}.")
     if "named_by" in table:

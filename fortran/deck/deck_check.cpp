@@ -176,7 +176,7 @@ static const Condition *failing(const Deck &deck, const Section &section,
 // The condition required and the value found instead
 static std::string only_for(const Deck &deck, const Section &section, const Condition &broken) {
    if (broken.values.empty())
-      return "needs " + broken.key + " beside it";
+      return "needs " + broken.key + " as well";
    // the value of a key in an absent table cannot be given
    const std::string absent = broken.key == "linear.problem" ? "none" : "", without = "without [linear]";
    std::vector<std::string> values = broken.values;
@@ -230,7 +230,7 @@ static std::set<std::string> check_presence(Deck &deck, Section &section) {
          continue;
       const std::vector<Condition> &when = key.required ? key.only_if : key.required_if;
       if ((key.required || !when.empty()) && !failing(deck, section, when, false)) {
-         std::string what = "missing, " + wanted(key) + " is needed";
+         std::string what = "missing: " + wanted(key) + " is needed";
          const Value *other = nullptr;
          if (!when.empty()) {
             what += " for " + when.front().key;
@@ -400,7 +400,7 @@ void check_schema(Deck &deck) {
       const bool fillable = std::none_of(spec.keys.begin(), spec.keys.end(),
                                          [](const KeySpec &key) { return key.required; });
       if (spec.required && !deck.misshapen.count(spec.name))
-         deck.complain({}, spec.name, "missing, the table " + spec.title() + " is needed");
+         deck.complain({}, spec.name, "missing: the table " + spec.title() + " is needed");
       if (fillable)
          deck.add(spec, {});
    }

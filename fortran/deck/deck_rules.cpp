@@ -24,7 +24,8 @@ static void check_materials(Deck &deck) {
          deck.refuse(*material, "where",
                      "missing: only the first material may omit it and fill the rest");
       if (!regions && materials.size() > 1 && !material->given("label"))
-         deck.refuse(*material, "label", "missing, an integer is needed where there are several materials");
+         deck.refuse(*material, deck.word("geometry", "kind") == "model" ? "label" : "where",
+                     "missing: it says which part of the body each of several materials fills");
    }
 }
 

@@ -246,10 +246,10 @@ contains
       error%message = 'did not converge at load '//to_text(load)//': '//error%message &
          & //'; last converged load '//to_text(done)
       if (is_lost()) then
-         error%message = error%message//', an unstable equilibrium: the branch is lost there; ' &
-            & //'ask for less load, or constrain the body'
+         error%message = error%message//', an unstable equilibrium, where the branch is lost; ' &
+            & //'reduce the load, or constrain the body'
       else if (.not. (newton%pinned .or. allocated(problem%caveat))) then
-         error%message = error%message//'; use more load.steps or points, or less load'
+         error%message = error%message//'; use more load.steps or points, or reduce the load'
       end if
       if (allocated(problem%caveat)) error%message = error%message//'; '//problem%caveat
       error%code = err_convergence

@@ -262,7 +262,7 @@ pure logical function outside_lattice(cloud, x)
    type(cloud_type), intent(in) :: cloud
    !> Position, shape (nd) [length]
    real(wp), intent(in) :: x(:)
-   real(wp), parameter :: slack = 1.0e-9_wp
+   real(wp), parameter :: slack = 1.0e-6_wp
    real(wp) :: low(3), step(3), at(3), extent(3)
 
    call lattice_frame(cloud, low, step)

@@ -89,8 +89,8 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       if (.not. found) then
          if (regions) then
             call deck%complain(at//'.where', &
-               & 'no point lies there, or later materials fill it: more points across it ' &
-               & //'(geometry.source) see a thin one', error)
+               & 'no point lies there, or materials given later cover it; a thin one needs ' &
+               & //'more points across it (geometry.source)', error)
          else
             call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
                & error)

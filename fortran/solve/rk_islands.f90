@@ -69,10 +69,11 @@ subroutine check_islands(shape, link, place, point, supported, error)
             & //' free to '//motions//'; prescribe components that prevent it, as on a ' &
             & //'symmetry plane')
       else
-         call fatal_error(error, err_input, 'no displacement is prescribed on ' &
-            & //trim(merge('the body:  ', 'an island: ', members == size(place, 2)))//' ' &
-            & //to_text(members)//' collocation points around '//to_text(place(:, ip)) &
-            & //' can move freely; fix them by a boundary set or leave them out of the model')
+         where_ = 'the body'
+         if (members < size(place, 2)) where_ = 'the '//to_text(members)//' points around ' &
+            & //to_text(place(:, ip))//', which are not connected to the rest'
+         call fatal_error(error, err_input, 'no displacement is prescribed on '//where_ &
+            & //', so that it can move freely: fix a set of it, or leave it out of the model')
       end if
       return
    end do

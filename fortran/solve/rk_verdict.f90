@@ -125,6 +125,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    self%reasons = ''
    off = 0.0_wp
    call warn_of_units(deck, outcome, receiver)
+   call warn_of_moduli(problem, outcome, receiver)
    if (allocated(outcome%ended)) then
       ! already given as a warning
       self%state = refused
@@ -210,6 +211,25 @@ subroutine warn_of_units(deck, outcome, receiver)
          & receiver)
    end do
 end subroutine warn_of_units
+
+!> Warn of a bulk modulus so small that Poisson's ratio is negative, as with K in another unit
+subroutine warn_of_moduli(problem, outcome, receiver)
+   class(discretisation_type), intent(in) :: problem
+   type(outcome_type), intent(inout) :: outcome
+   class(recorder_type), intent(inout) :: receiver
+   integer :: k
+
+   if (problem%linear) return
+   do k = 1, size(problem%scene%tissue)
+      associate (material => problem%scene%tissue(k)%material)
+         if (3.0_wp*material%bulk >= 2.0_wp*material%shear) cycle
+         call outcome%warn('material '//problem%scene%tissue(k)%name//': K = ' &
+            & //to_text(material%bulk)//' is less than two thirds of the shear modulus, ' &
+            & //to_text(material%shear)//', so that it widens when it is pulled: check the ' &
+            & //'unit of K', receiver)
+      end associate
+   end do
+end subroutine warn_of_moduli
 
 !> Compare an answer with the known solution, or with a second one
 subroutine judge_by_others(self, answer, with_companion, search, outcome)
@@ -421,8 +441,7 @@ subroutine describe_broken(problem, outcome, text)
    if (.not. outcome%min_j > 0.0_wp) text = 'the volume ratio falls to ' &
       & //to_text(outcome%min_j, 2)//': the material is inverted'
    call get_extent(problem, outcome%broken, extent)
-   text = text//extent//'; values there are meaningless, ' &
-      & //'use more points there'
+   text = text//extent//'; values there mean nothing: use more points there'
 end subroutine describe_broken
 
 !> Gaps of the body that shape functions bridge

@@ -189,7 +189,7 @@ def test_labels_nearly_whole_and_without_a_number(tmp_path):
     labels = read_labels(kept(tmp_path / "l.nii", data), notes.append)
     assert labels.data[1].min() == labels.data.max() == 2 and labels.data[0, 0, 0] == 0
     (note,) = notes
-    assert "1 voxels are not numbers and become background" in note
+    assert "voxels that are not numbers become background: 1" in note
     data[2, 2, 2] = 1.0015
     path = kept(tmp_path / "l.nii", data)
     refuses(r"1 voxels contain other values, the first is 1\.0015 in voxel", read_labels, path)

@@ -240,7 +240,7 @@ SEED = bone(39, 34, 0)
 
 
 @pytest.mark.parametrize(("rules", "keys", "message"), [
-    ([SEED], {"split": "nearest"}, "image.reference: missing, a text is needed"),
+    ([SEED], {"split": "nearest"}, "image.reference: missing: a text is needed"),
     ([], {"split": "walk"}, r"'walk' needs image.seeds or \[\[muscle\]\]"),
     ([SEED], {"reference": "old.nii.gz"}, "both define the muscles; leave one of them out"),
     ([bone(39, 2, 34, 0)], {}, "muscle.bone.seeds: three coordinates per point are needed, no"),

@@ -225,11 +225,11 @@ WRONG = [
     # values whose validity depends on other keys
     ('set = "z1"', 'set = "z0"', "boundary.z0.set: the text 'z0' is already used by case.t"),
     ("label = 2", "label = 1", "material.fat.label: 1 is already used by case.toml:14"),
-    ("u_x = 0", "u_x = 0\npull = 1", "boundary.z0.pull: needs tendon beside it"),
+    ("u_x = 0", "u_x = 0\npull = 1", "boundary.z0.pull: needs tendon as well"),
     # missing entries
-    ('[units]\nforce = "N"\nlength = "cm"', "", "units: missing, the table [units] is needed"),
+    ('[units]\nforce = "N"\nlength = "cm"', "", "units: missing: the table [units] is needed"),
     ("u_x = 0", "", "boundary.z0: needs one of the keys u_x, u_y, u_z, rad"),
-    ('quantity = "force"\nset = "z0"', 'quantity = "force"', "probe.pull.set: missing, a text is "),
+    ('quantity = "force"\nset = "z0"', 'quantity = "force"', "probe.pull.set: missing: a text is "),
     ("activation = [0.125, 0.5]", "", "reference: needs one of the keys l"),
 ]
 

@@ -343,7 +343,7 @@ IMPOSSIBLE = [
     )),
     # a parameter that a model must have, according to the schema (test_deck)
     *(("soft", {"K": 50.0, "model": "neo-hookean", **changes}, words) for changes, *words in (
-        ({}, "mu: missing, a number is needed for model = neo-hookean"),
+        ({}, "mu: missing: a number is needed for model = neo-hookean"),
         ({"model": "mooney-rivlin", "C1": 1, "C2": -1}, "C1 + C2 = 0", "positive"),
         ({"model": "yeoh", "C1": -1, "C2": 0, "C3": 1}, "C1 = -1", "positive"),
         *(({"model": "energy", "mu": 3, "energy": text}, f"energy = '{text}'", *words)

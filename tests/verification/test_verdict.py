@@ -393,7 +393,7 @@ def test_a_branch_that_is_lost_ends_the_halving() -> None:
     """A soft muscle leaves its axis: of ten allowed halvings at most seven are made."""
     change = ["scene.method=rkpm-gauss", "approximation.order=1", "boundary.z1.u_z=0"]
     change += ["material.muscle.A10=4.4", "material.muscle.fiber_angle=1", "load.steps=1"]
-    lost = "an unstable equilibrium: the branch is lost"
+    lost = "an unstable equilibrium, where the branch is lost"
     with Scene.from_tables(scenes.contracting(4, 4, 6), overrides=change) as scene:
         refuses(lost, scene.solve, error=False, kind=ConvergenceError)
         done = scene.states.load[-1]

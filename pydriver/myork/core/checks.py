@@ -51,7 +51,9 @@ def unknowns_of(
             raise errors.InputError("start: there are no states")
         return shaped("start", start.x[-1], (dofs,))
     if not isinstance(start, RestartState):
-        return shaped("start", start, (dofs,))
+        start = np.asarray(start, float)
+        finite("start", start, (dofs,))
+        return start
     if not np.array_equal(start.points[:, : points.shape[1]], points):
         raise errors.InputError("start: its points are not those of this scene")
     if start.approximation != approximation:

@@ -97,6 +97,19 @@ def deck_key(path: str | Path, key: str, overrides: Sequence[str] = (), text: st
     return str(full.decode().rstrip())
 
 
+def checked_overrides(overrides: Sequence[str]) -> Sequence[str]:
+    """Overrides, refused unless they are texts of a line each."""
+    if isinstance(overrides, str | Mapping):
+        example = "table.key=value" if isinstance(overrides, Mapping) else overrides
+        raise errors.InputError(
+            f"overrides must be a list of texts, [{example!r}], not {type(overrides).__name__}"
+        )
+    for item in overrides:
+        if any(letter in item for letter in "\n\r\0"):
+            raise errors.InputError(f"--set {item!r}: an override must be a single line")
+    return overrides
+
+
 def as_texts(words: Sequence[str]) -> NDArray[np.bytes_]:
     """Texts in Fortran form: all of one length, padded with blanks instead of NULs."""
     items = np.array([word.encode() for word in words] or [b""])
@@ -117,12 +130,10 @@ def deck_values(
     """Values of a deck, from its text where there is one."""
     if not isinstance(text, str):
         raise errors.InputError(f"a deck must be tables or a text, not {type(text).__name__}")
-    if isinstance(overrides, str):
-        raise errors.InputError(f"overrides must be a list of texts, [{overrides!r}], not a text")
-    for item in overrides:
-        if any(letter in item for letter in "\n\r\0"):
-            raise errors.InputError(f"--set {item!r}: an override must be a single line")
-    given = os.fsencode(path), text.encode() or b" ", as_texts(overrides), command.encode()
+    if text.endswith(".toml"):
+        raise errors.InputError(f"{text!r} is the name of a deck, not its text: open it as a file")
+    words = checked_overrides(overrides)
+    given = os.fsencode(path), text.encode() or b" ", as_texts(words), command.encode()
     capacity, length = 0, _CAPACITY
     while length > capacity:
         capacity = length

@@ -70,6 +70,8 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         threads: int | None = None,
         progress: Callable[[str], None] | None = None,
     ) -> None:
+        if isinstance(path, Mapping):
+            raise InputError("Scene opens the file of a deck: use Scene.from_tables for its tables")
         deck = load_deck(path, overrides, "solve")
         self._hold("", overrides, model_of(deck, Path(path).parent, out), threads)
         self._open(deck, overrides, progress)

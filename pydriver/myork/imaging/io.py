@@ -83,7 +83,7 @@ def read_labels(path: Path, note: ProgressCallback = silent) -> Labels:
     if data.dtype.kind == "f":
         unknown = np.isnan(data)
         if unknown.any():
-            note(f"{path}: {int(unknown.sum())} voxels are not numbers and become background")
+            note(f"{path}: voxels that are not numbers become background: {int(unknown.sum())}")
         whole = np.rint(np.where(unknown, 0.0, data))
         with np.errstate(invalid="ignore"):
             broken = np.argwhere(~unknown & ~(np.abs(data - whole) < _WHOLE))

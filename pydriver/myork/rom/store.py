@@ -63,7 +63,7 @@ def read_arrays(path: Path) -> dict[str, Any]:
     except (FileError, InputError) as reason:
         raise type(reason)(f"{path}: {reason}; train it again") from None
     except UNREADABLE as reason:
-        raise FileError(f"{path}: is not a readable reduced model: {reason}") from None
+        raise FileError(f"{path}: is not a reduced model of `myork rom train`: {reason}") from None
 
 
 def _checksum(values: Mapping[str, NDArray[Any]]) -> str:

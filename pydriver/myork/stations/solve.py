@@ -18,7 +18,7 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.core.calls import interrupts_held
-from myork.core.deck import text_of_tables
+from myork.core.deck import checked_overrides, text_of_tables
 from myork.errors import (
     ConvergenceError,
     InputError,
@@ -146,7 +146,7 @@ def _with_estimate(
 
 def set_options(overrides: Sequence[str]) -> list[str]:
     """Overrides as options of the executable."""
-    return [word for override in overrides for word in ("--set", override)]
+    return [word for override in checked_overrides(overrides) for word in ("--set", override)]
 
 
 def run_executable(deck: str | Path, options: Sequence[str], progress: ProgressCallback) -> None:
