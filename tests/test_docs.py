@@ -1,8 +1,7 @@
 """The site: it builds without warnings, its index of equations is correct, its tutorials run.
 
 The command output shown on a page is what the command prints. Scripts of the gallery run, are
-short and are shown on its page with their pictures; notebooks run with their assertions, and are
-stored without outputs.
+short and are shown on its page with their pictures.
 """
 
 import json
@@ -16,10 +15,8 @@ from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 
-import nbformat
 import pytest
 import yaml
-from nbclient import NotebookClient
 
 from benchmarks.runner import PAGES, write_table_pages
 from myork.bench import BENCHES
@@ -167,10 +164,9 @@ def test_pages_of_tables_show_the_rows_that_are_kept(tmp_path: Path) -> None:
         assert page.read_text("utf-8") == (results / page.name).read_text("utf-8")
 
 
-# ---- the gallery and the notebooks ---------------------------------------------------------------
+# ---- the gallery ---------------------------------------------------------------------------------
 
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
 def test_the_gallery_shows_every_script() -> None:
@@ -198,25 +194,12 @@ def test_a_script_makes_its_picture(script: Path, tmp_path: Path) -> None:
     assert said and not {"doubtful", "refused", "nan"} & set(said.replace(":", " ").split()), said
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
-def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MPLBACKEND", raising=False)  # figures below the cells
-    notebook = nbformat.read(path, as_version=4)
-    assert not any(cell.get("outputs") for cell in notebook.cells), "keep it without outputs"
-    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    outputs = [out for cell in notebook.cells for out in cell.get("outputs", [])]
-    shown = [out["data"] for out in outputs if "data" in out]
-    assert any("image/png" in data for data in shown)
-    assert not [out for out in outputs if out.get("name") == "stderr"]
-
-
 # ---- links, numbers of the README, citation ------------------------------------------------------
 
 
-TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *NOTEBOOKS])
+TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 #: Texts in backquotes that are paths of the tree
-FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "notebooks", "pydriver", "tests"]
+FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "pydriver", "tests"]
 FOLDERS += [".ci", ".github"]
 
 
