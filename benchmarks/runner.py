@@ -29,19 +29,17 @@ from __future__ import annotations
 import argparse
 import inspect
 import json
-import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
-from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.page import draw_curves
+from benchmarks.page import body_of
 from benchmarks.problems import Problem, probe_kind
 from benchmarks.runs import outcome_text, solve_case
 from benchmarks.truths.exact import inner_stress
@@ -55,6 +53,7 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError, MyorkError
 from myork.files import write_text
 from myork.records import PointCloud
+from myork.report.frame import table_lines
 
 #: Kinds of probes
 KINDS = ("displacement", "force", "stress", "surface stress")
@@ -436,28 +435,15 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
     about = machine()
     call = f"python benchmarks/runner.py {name}{' --quick' if options.quick else ''}"
     call += "".join(f" --only {problem!r}" for problem in options.only)
-    lines = [
-        f"# {shown['title']}",
-        "",
+    text, pictures = body_of(name, shown)
+    for picture, drawn in pictures.items():
+        drawn.savefig(options.out / picture, dpi=75)
+    return (
+        f"# {shown['title']}\n\n"
         f"Written by `{call}` on {about['date'][:10]} (MyoRK {about['version']}, "
         f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
-        f"{shown['about']}",
-    ]
-    plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
-    for problem, plots in plots_of:
-        picture = f"{name}-{'-'.join(re.findall(r'[a-z0-9]+', problem.lower()))}.png"
-        draw_curves(list(plots)).savefig(options.out / picture, dpi=75)
-        lines += ["", f"![error over CPU time: {problem}]({picture})"]
-    for table in shown["tables"]:
-        rows = [table["head"], *([_cell(value) for value in row] for row in table["rows"])]
-        lines += ["", f"{table['caption']}:", "", *_lines(rows)]
-    return "\n".join(lines) + "\n"
-
-
-def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
+        f"{shown['about']}\n{text}"
+    )
 
 
 def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
@@ -476,7 +462,7 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
     rows = []
     for row in table(*arguments):
         rows.append(list(row))
-        print("\n".join(_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
+        print("\n".join(table_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
     if write:
         # do not publish the users' folders
         words = [name, *([half, *("DATA" for _ in arguments[1:])] if half else arguments)]
@@ -495,12 +481,6 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
         write_table_pages(kept)
 
 
-def _lines(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table, whose first row is its header."""
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
-
-
 def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS) -> None:
     """Write the pages of the tables that `tables.json` keeps."""
     pages: dict[str, list[str]] = {}
@@ -512,7 +492,7 @@ def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS
                 # cases on which settings were chosen are no evidence of their quality
                 if one["table"] == name and one["half"] != "tuned":
                     about = inspect.getdoc(getattr(found, name)) or ""
-                    part = [f"## {name}", "", about, "", *_lines(shown(one["rows"])), ""]
+                    part = [f"## {name}", "", about, "", *table_lines(shown(one["rows"])), ""]
                     page = module if module in PAGES else "images"
                     pages.setdefault(page, []).append("\n".join([*part, one["written"]]))
     for page, parts in pages.items():

@@ -43,7 +43,7 @@ from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
 from myork.imaging.io import read_image, read_labels
 from myork.records import Labels
-from myork.report.frame import Page, Section, figure, table
+from myork.report.frame import page_of_markdown, table_lines
 from myork.results import Results
 from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.study import PathStates, reduced_path
@@ -335,19 +335,26 @@ def reproduce(
             rows[entry.name] = rows_of(entry, records)
             found = {name: records[run] for name, run in entry.runs.items()}
             if entry.picture is not None and not any("ended" in one for one in found.values()):
-                pictures[entry.name] = entry.picture.draw(found)
                 (out / "reproduced").mkdir(exist_ok=True)
-                write_figure(out / _picture(entry.name), pictures[entry.name])
-            text = _text(entry, rows[entry.name], entry.name in pictures)
+                path = _picture(entry.name)
+                pictures[path] = entry.picture.draw(found)
+                write_figure(out / path, pictures[path])
+            text = _text(entry, rows[entry.name], pictures)
             show("\n".join([*_runs_text(entry), text]))
             # written after each table: stopping a later one loses nothing already computed
             done = [own for own in order if own.name in rows]
             content["rows"] = [row for own in done for row in rows[own.name]]
             write_json(out / "reproduce.json", content)
-            texts = [_text(own, rows[own.name], own.name in pictures) for own in done]
+            texts = [_text(own, rows[own.name], pictures) for own in done]
             write_text(out / "reproduce.md", _markdown(content, done, texts))
-            sections = [_section(own, rows[own.name], pictures.get(own.name)) for own in done]
-            write_text(out / "reproduce.html", _page(content, done, sections))
+            # for readers without the command's output, with the decks
+            texts = [
+                text.replace("\n", "".join(f"\n\n`{line}`" for line in _runs_text(own)) + "\n", 1)
+                for own, text in zip(done, texts, strict=True)
+            ]
+            footer = Markup("All numbers: <code>reproduce.json</code>")
+            page = page_of_markdown(_markdown(content, done, texts), pictures, footer)
+            write_text(out / "reproduce.html", page)
     return content
 
 
@@ -435,88 +442,47 @@ def _number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def _heading(name: str) -> str:
-    """`table 6.8` or `figure 5.2`."""
-    return name.replace("-", " ") if name.startswith("figure") else f"table {name}"
-
-
-def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
+def _text(entry: Table, rows: Sequence[Mapping[str, Any]], pictures: Mapping[str, Figure]) -> str:
     """A table as written to `reproduce.md`."""
-    lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
-    heads, cells = _grid(entry, rows, r" \*")
-    lines += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    lines += [f"| {' | '.join(line)} |" for line in cells]
-    if drawn and entry.picture is not None:
-        lines += ["", f"![{entry.picture.caption}]({_picture(entry.name)})"]
-    return "\n".join([*lines, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
-
-
-def _grid(
-    entry: Table, rows: Sequence[Mapping[str, Any]], far: str
-) -> tuple[list[str], list[list[str]]]:
-    """Columns and lines of a table as text; `far` marks large deviations."""
     beside = {row.name: row.beside for row in entry.rows if row.beside}
     more = {beside[row["row"]]: _number(row["ours"]) for row in rows if row["row"] in beside}
     columns = list(dict.fromkeys(column for _, column in more))
-    lines = [
+    lines = [["row", "published", "ours", "ratio", "CPU [s]", *columns]]
+    lines += [
         [
             row["row"],
             _number(row["published"]),
             _number(row["ours"]),
-            _number(row["ratio"], 3) + (far if row["far"] else ""),
+            _number(row["ratio"], 3) + (r" \*" if row["far"] else ""),
             _number(row["cpu_s"], 3),
             *(more.get((row["row"], column), "") for column in columns),
         ]
         for row in rows
         if row["row"] not in beside
     ]
-    return ["row", "published", "ours", "ratio", "CPU [s]", *columns], lines
-
-
-def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | None) -> Section:
-    """A table as written to `reproduce.html`."""
-    parts = [Markup("<p><code>{}</code></p>").format(line) for line in _runs_text(entry)]
-    if picture is not None and entry.picture is not None:
-        parts.append(figure(picture, entry.picture.caption))
-    parts.append(table(*_grid(entry, rows, " *")))
-    parts += [Markup("<p>{}</p>").format(_sentence(note)) for note in _notes(rows)]
-    return Section(entry.name, f"{_heading(entry.name)}: {entry.title}", parts)
-
-
-def _about(content: Mapping[str, Any], done: Sequence[Table]) -> str:
-    """What was computed, and how many numbers deviate strongly."""
-    far = [row["row"] for row in content["rows"] if row["far"]]
-    times = sum(name.endswith(("[s]", "[min]")) for name in far)
-    return (
-        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
-        f"thread): {len(content['rows'])} numbers of {len(done)} tables and figures. {len(far)} of "
-        f"them are more than {100 * FAR:.0f} % off (*), with the reason below the table; {times} "
-        "of these are times of another machine. CPU seconds are of the runs that a row reads."
-    )
-
-
-def _call(done: Sequence[Table]) -> str:
-    names = [entry.name for entry in done]
-    return f"myork reproduce {' '.join(names) if len(names) < 8 else 'all'}"
-
-
-def _page(content: Mapping[str, Any], done: Sequence[Table], sections: list[Section]) -> str:
-    """The HTML page."""
-    footer = Markup("Made by <code>{}</code>; all numbers: <code>reproduce.json</code>")
-    about = f"Computed by myork {_about(content, done)}"
-    return Page("Tables and figures", sections, footer.format(_call(done)), about=about).text()
+    name = entry.name if entry.name.startswith("figure") else f"table {entry.name}"
+    heading = f"## {name.replace('-', ' ').capitalize()}: {entry.title}"
+    text = [heading, "", *table_lines(lines)]
+    if entry.picture is not None and _picture(entry.name) in pictures:
+        text += ["", f"![{entry.picture.caption}]({_picture(entry.name)})"]
+    return "\n".join([*text, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
 
 
 def _markdown(content: Mapping[str, Any], done: Sequence[Table], texts: Sequence[str]) -> str:
     """The page `docs/reproduced.md`."""
-    lines = [
-        "# The dissertation's tables and figures",
-        "",
-        f"Written by `{_call(done)}` {_about(content, done)} The command prints the decks with "
-        "their overrides, `myork reproduce --list` the costs, and figures without numbers.",
-        "",
-    ]
-    return "\n".join([*lines, *texts])
+    names = [entry.name for entry in done]
+    far = [row["row"] for row in content["rows"] if row["far"]]
+    times = sum(name.endswith(("[s]", "[min]")) for name in far)
+    about = (
+        f"Written by `myork reproduce {' '.join(names) if len(names) < 8 else 'all'}` "
+        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
+        f"thread): {len(content['rows'])} numbers of {len(done)} tables and figures. {len(far)} of "
+        f"them are more than {100 * FAR:.0f} % off (*), with the reason below the table; {times} "
+        "of these are times of another machine. CPU seconds are of the runs that a row reads. The "
+        "command prints the decks with their overrides, `myork reproduce --list` the costs, and "
+        "figures without numbers."
+    )
+    return "\n".join(["# The dissertation's tables and figures", "", about, "", *texts])
 
 
 def _sentence(text: str) -> str:
