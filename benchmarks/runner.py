@@ -14,9 +14,8 @@ solves problems of `unseen`, `layers` or `maps` whose truths their file lacks by
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
 prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known; with
-`--write` last `docs/results/tables.json` keeps its rows, and a page shows them, or what the
-module's `PIVOTS` makes of them. `half` is `tuned`, the cases on which settings were chosen, or
-`other`, on which none was.
+`--write` last its page in `docs/results` takes the rows. `half` is `tuned`, the cases on which
+settings were chosen, which no page shows, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
 its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
@@ -28,7 +27,6 @@ from __future__ import annotations
 
 import argparse
 import inspect
-import json
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -81,15 +79,8 @@ TABLES = {
     "tissues": ("tissues",),
     "trained": ("trained",),
 }
-#: Modules of tables with a separate page of results, and its title; the others are about images
-PAGES = {
-    "across": "Errors by the number of points",
-    "images": "Images",
-    "scaling": "Threads",
-    "searched": "Searches and evenly spaced points",
-    "sizes": "Cost against size",
-    "trained": "Trained reduced models",
-}
+#: Modules whose tables share a page
+_IMAGES = ("real_anatomy", "real_images", "tissues")
 
 #: Name of a form, and the overrides that select it
 Form = tuple[str, Sequence[str]]
@@ -394,8 +385,7 @@ def main(*words: str) -> None:
     """Solve rows and write their views, or print a table."""
     modules = {table: module for module, tables in TABLES.items() for table in tables}
     if words and words[0] in modules:
-        _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
-                     words[1:])  # fmt: skip
+        _print_table(modules[words[0]], words[0], words[1:])
         return
     from benchmarks import pivots, studies, unseen
 
@@ -446,11 +436,13 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
     )
 
 
-def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
+def _print_table(module: str, name: str, arguments: Sequence[str]) -> None:
     """Print the rows of a table of docs/, or its usage."""
-    wanted, name, write = inspect.signature(table), table.__name__, arguments[-1:] == ("--write",)
+    table: Callable[..., Any] = getattr(import_module(f"benchmarks.tables.{module}"), name)
+    wanted, write = inspect.signature(table), arguments[-1:] == ("--write",)
     arguments = arguments[:-1] if write else arguments
-    fits = "half" not in wanted.parameters or arguments[:1] in (("tuned",), ("other",))
+    halves = (("other",),) if write else (("other",), ("tuned",))
+    fits = "half" not in wanted.parameters or arguments[:1] in halves
     try:
         wanted.bind(*arguments)
     except TypeError:
@@ -468,39 +460,19 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
         words = [name, *([half, *("DATA" for _ in arguments[1:])] if half else arguments)]
         call = f"`python benchmarks/runner.py {' '.join(words)} --write`"
         written = f"{call}: {about['processor']}, {about['date'][:10]}."
-        file = _RESULTS / "tables.json"
-        kept = [
-            one
-            for one in json.loads(file.read_text(encoding="utf-8"))
-            if (one["table"], one["half"]) != (name, half)
-        ]
-        kept.append({"table": name, "half": half, "written": written, "rows": rows})
-        kept.sort(key=lambda one: (one["table"], one["half"]))
-        text = ",\n".join(json.dumps(one, ensure_ascii=False) for one in kept)
-        write_text(file, f"[\n{text}\n]\n")
-        write_table_pages(kept)
+        page = "images" if module in _IMAGES else module
+        write_table(_RESULTS / f"{page}.md", name, inspect.getdoc(table) or "", rows, written)
 
 
-def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS) -> None:
-    """Write the pages of the tables that `tables.json` keeps."""
-    pages: dict[str, list[str]] = {}
-    for module, names in TABLES.items():
-        found = import_module(f"benchmarks.tables.{module}")
-        for name in names:
-            shown = getattr(found, "PIVOTS", {}).get(name, list)
-            for one in kept:
-                # cases on which settings were chosen are no evidence of their quality
-                if one["table"] == name and one["half"] != "tuned":
-                    about = inspect.getdoc(getattr(found, name)) or ""
-                    part = [f"## {name}", "", about, "", *table_lines(shown(one["rows"])), ""]
-                    page = module if module in PAGES else "images"
-                    pages.setdefault(page, []).append("\n".join([*part, one["written"]]))
-    for page, parts in pages.items():
-        about = "`tables.json` keeps all rows of these tables. "
-        if page == "images":
-            about += "Shown is the half `other` of the cases, on which no setting was chosen."
-        text = [f"# {PAGES[page]}", about.strip(), *sorted(parts)]
-        write_text(folder / f"{page}.md", "\n\n".join(text) + "\n")
+def write_table(
+    page: Path, name: str, about: str, rows: Sequence[Sequence[str]], written: str
+) -> None:
+    """Put a table into a page in place of its earlier rows; its parts are in alphabetical order."""
+    text = page.read_text(encoding="utf-8") if page.is_file() else f"# {name.capitalize()}\n"
+    head, *parts = text.rstrip("\n").split("\n\n## ")
+    kept = {part.partition("\n")[0]: part for part in parts}
+    kept[name] = "\n".join([name, "", about, "", *table_lines(rows), "", written])
+    write_text(page, "\n\n## ".join([head, *(kept[key] for key in sorted(kept))]) + "\n")
 
 
 if __name__ == "__main__":
