@@ -1,4 +1,4 @@
-"""A benchmark as Markdown with its figures, for `bench.html` and the pages of docs/results."""
+"""What a benchmark shows: tables and plots of its cases, and a page of them as Markdown."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -17,6 +17,33 @@ _RIVAL = "#777777"
 _FEW_DECADES = 300.0
 
 
+def table(caption: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Table whose header has the names of its first row; values that a row lacks stay empty."""
+    head = list(rows[0]) if rows else []
+    return {
+        "caption": caption,
+        "head": head,
+        "rows": [[row.get(name) for name in head] for row in rows],
+    }
+
+
+def plot(
+    title: str, axes: tuple[str, str], cases: Sequence[Mapping[str, Any]], x: str, y: str
+) -> dict[str, Any]:
+    """Curves through the cases, in their order, that have the values.
+
+    `axes` are labels with units; the key `curve` distinguishes the curves and names them.
+    """
+    series = []
+    for name in dict.fromkeys(case["curve"] for case in cases):
+        points = [case for case in cases if case["curve"] == name and case.get(y) is not None]
+        if points:
+            one, other = ([case.get(key) for case in points] for key in (x, y))
+            rival = points[0].get("rival", False)
+            series.append({"name": name, "x": one, "y": other, "rival": rival})
+    return {"title": title, "x": axes[0], "y": axes[1], "series": series}
+
+
 def body_of(name: str, shown: Mapping[str, Any]) -> tuple[str, dict[str, Figure]]:
     """What stands below the introduction of a benchmark, and its figures by their file names."""
     lines: list[str] = []
@@ -26,9 +53,9 @@ def body_of(name: str, shown: Mapping[str, Any]) -> tuple[str, dict[str, Figure]
         picture = f"{name}-{'-'.join(re.findall(r'[a-z0-9]+', problem.lower()))}.png"
         pictures[picture] = draw_curves(list(plots))
         lines += ["", f"![error over CPU time: {problem}]({picture})"]
-    for table in shown.get("tables", ()):
-        rows = [table["head"], *([_cell(value) for value in row] for row in table["rows"])]
-        lines += ["", f"{table['caption']}:", "", *table_lines(rows)]
+    for entry in shown.get("tables", ()):
+        rows = [entry["head"], *([_cell(value) for value in row] for row in entry["rows"])]
+        lines += ["", f"{entry['caption']}:", "", *table_lines(rows)]
     return "\n".join(lines) + "\n", pictures
 
 

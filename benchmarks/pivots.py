@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks import unseen, unseen_layers, unseen_maps
+from benchmarks.page import plot, table
 from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
-from benchmarks.shown import plot, table
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body, voxel_by_voxel
 from myork.console import ProgressCallback, silent

@@ -15,8 +15,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from benchmarks.page import plot, table
 from benchmarks.runs import METHODS, PUBLISHED_BLOCK
-from benchmarks.shown import plot, table
 from benchmarks.truths import exact
 from myork.bench.dissertation import TABLES, Row, Run, Table
 from myork.bench.linear import PUBLISHED_STUDIES, Sizes, Study

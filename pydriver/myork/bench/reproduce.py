@@ -207,7 +207,8 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         if run.deck == "mg_muscle":
             for station in (segment, build):
-                station(INPUTS / "mg_muscle.toml", Path(folder), overrides=_images(run), threads=1)
+                words = [w for w in run.overrides if w.startswith(("phantom", "image", "build"))]
+                station(INPUTS / "mg_muscle.toml", Path(folder), overrides=words, threads=1)
         with Scene(INPUTS / f"{run.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
             progress(f"{run.deck}: full model, {scene.dofs} unknowns")
             before = time.process_time()
@@ -229,11 +230,6 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
     for entry in record.values():
         entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / dense)}
     return record | {"full": {"cpu_min": dense / 60, "auto_min": auto / 60}}
-
-
-def _images(run: Run) -> tuple[str, ...]:
-    """Overrides for models built from images."""
-    return tuple(word for word in run.overrides if word.startswith(("phantom", "image", "build")))
 
 
 def _dense_iteration(scene: Scene, start: F64) -> float:
@@ -431,11 +427,12 @@ def _runs_text(entry: Table) -> list[str]:
 
 
 def _notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Notes of the rows, those of large deviations first, each once."""
+    """Notes of the rows as sentences, those of large deviations first, each once."""
     ordered = sorted(rows, key=lambda row: not row["far"])
     notes = dict.fromkeys(row["note"] for row in ordered if row["note"])
     ended = dict.fromkeys(row["ended"] for row in rows if "ended" in row)
-    return [*(f"no number: {text}" for text in ended), *notes]
+    texts = [*(f"no number: {text}" for text in ended), *notes]
+    return [f"{text[0].upper()}{text[1:].removesuffix('.')}." for text in texts]
 
 
 def _number(value: float | None, digits: int = 4) -> str:
@@ -465,7 +462,7 @@ def _text(entry: Table, rows: Sequence[Mapping[str, Any]], pictures: Mapping[str
     text = [heading, "", *table_lines(lines)]
     if entry.picture is not None and _picture(entry.name) in pictures:
         text += ["", f"![{entry.picture.caption}]({_picture(entry.name)})"]
-    return "\n".join([*text, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
+    return "\n".join([*text, "", *(f"{note}\n" for note in _notes(rows))])
 
 
 def _markdown(content: Mapping[str, Any], done: Sequence[Table], texts: Sequence[str]) -> str:
@@ -483,10 +480,6 @@ def _markdown(content: Mapping[str, Any], done: Sequence[Table], texts: Sequence
         "figures without numbers."
     )
     return "\n".join(["# The dissertation's tables and figures", "", about, "", *texts])
-
-
-def _sentence(text: str) -> str:
-    return text[0].upper() + text[1:] + ("" if text.endswith(".") else ".")
 
 
 def entry_of(case: Mapping[str, Any], key: str) -> Any:
