@@ -235,9 +235,7 @@ def run(name: str, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "about": f"{__doc__}",
         "cases": cases,
         "rows": rows,
-        "tables": [
-            table("What was wanted beside what was found", list(map(_shown, rows))),
-        ],
+        "tables": [table("What was wanted beside what was found", list(map(_shown, rows)))],
         "plots": plots,
     }
 

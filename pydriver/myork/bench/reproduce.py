@@ -137,16 +137,13 @@ def _tissue(run: Run, progress: ProgressCallback) -> Record:
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         out = Path(folder)
         found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
-        labels, truth = (read_labels(out / f"{name}.nii.gz") for name in ("tissue", "true_tissue"))
-        image = read_image(out / "connective.nii.gz")
+        record: dict[str, Any] = {"anatomy": read_image(out / "connective.nii.gz")}
+        for name, file in (("found", "tissue"), ("truth", "true_tissue")):
+            labels = read_labels(out / f"{file}.nii.gz")
+            record[name] = replace(labels, data=(labels.data == CONNECTIVE).astype(np.int32))
         clusters = read_image(out / "membership_connective_tissue.nii.gz").data > 0.5
     scores = {name: score["dice"] for name, score in found["tissue"]["scores"].items()}
-    return scores | {
-        "dice_clusters": dice(clusters, truth.data == CONNECTIVE),
-        "labels": labels,
-        "truth": truth,
-        "image": image,
-    }
+    return record | scores | {"dice_clusters": dice(clusters, record["truth"].data > 0)}
 
 
 def _aged(run: Run, progress: ProgressCallback) -> Record:
