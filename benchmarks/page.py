@@ -1,82 +1,68 @@
-"""The page `bench.html`: tables and curves of `bench.json`."""
+"""What a benchmark shows: tables and plots of its cases, and a page of them as Markdown."""
 
 import re
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from itertools import groupby
 from typing import Any
 
-from markupsafe import Markup, escape
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from myork.files import write_text
 from myork.report.figures import COLOURS, MARKERS
-from myork.report.frame import Page, Section, figure, table
-from myork.report.numbers import number
+from myork.report.frame import table_lines
 
 _RIVAL = "#777777"
-#: Length from which on a text is a sentence
-_LONG = 44
 #: Axes with a smaller ratio of their ends have numbers between the powers of ten
 _FEW_DECADES = 300.0
 
 
-def write_page(path: Path, record: Mapping[str, Any]) -> None:
-    """Write the page of a record."""
-    benches = record["benches"]
-    without = [name for name, bench in benches.items() if "ended" in bench]
-    again = " ".join(["myork bench", *benches, *(["--quick"] if record["quick"] else [])])
-    page = Page(
-        title="Benchmarks",
-        sections=[
-            Section(name, bench.get("title", name), _parts(bench))
-            for name, bench in benches.items()
-        ],
-        about=(
-            f"MyoRK {record['version']}, {record['date'][:19]}, {record['processor']}, "
-            f"{record['cores']} cores, one thread a solve, "
-            f"{'small cases only' if record['quick'] else 'all cases'}; load of the machine at "
-            f"the start {record['load_average']:.1f}. {len(benches) - len(without)} "
-            f"benchmarks have results{'; without: ' if without else ''}{', '.join(without)}."
-        ),
-        footer=Markup("Made by <code>{}</code>; all numbers: <code>bench.json</code>").format(
-            again
-        ),
-    )
-    write_text(path, page.text())
+def table(caption: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Table whose header has the names of its first row; values that a row lacks stay empty."""
+    head = list(rows[0]) if rows else []
+    return {
+        "caption": caption,
+        "head": head,
+        "rows": [[row.get(name) for name in head] for row in rows],
+    }
 
 
-def _parts(bench: Mapping[str, Any]) -> list[Markup]:
-    parts = [_about(bench["about"])] if "about" in bench else []
-    if "ended" in bench:
-        parts.append(Markup('<p class="warnings">No result: {}</p>').format(bench["ended"]))
-    for plot in bench.get("plots", []):
-        parts.append(figure(draw_curves([plot]), plot.get("caption", plot["title"])))
-    for entry in bench.get("tables", []):
-        parts.append(_table(entry))
-    return parts
+def plot(
+    title: str, axes: tuple[str, str], cases: Sequence[Mapping[str, Any]], x: str, y: str
+) -> dict[str, Any]:
+    """Curves through the cases, in their order, that have the values.
+
+    `axes` are labels with units; the key `curve` distinguishes the curves and names them.
+    """
+    series = []
+    for name in dict.fromkeys(case["curve"] for case in cases):
+        points = [case for case in cases if case["curve"] == name and case.get(y) is not None]
+        if points:
+            one, other = ([case.get(key) for case in points] for key in (x, y))
+            rival = points[0].get("rival", False)
+            series.append({"name": name, "x": one, "y": other, "rival": rival})
+    return {"title": title, "x": axes[0], "y": axes[1], "series": series}
 
 
-def _about(text: str) -> Markup:
-    """Paragraphs, with words between backticks as code."""
-    escaped = re.sub(r"`+([^`]+)`+", r"<code>\1</code>", str(escape(text.strip())))
-    return Markup("".join(f"<p>{part}</p>" for part in re.split(r"\n\s*\n", escaped)))
-
-
-def _table(entry: Mapping[str, Any]) -> Markup:
-    """A table, with columns of sentences aligned to the left."""
-    rows = [[_cell(value) for value in row] for row in entry["rows"]]
-    wordy = any(len(cell) > _LONG for row in rows for cell in row[1:])
-    kind = ' class="facts"' if wordy else ""
-    shown = table(entry["head"], rows, entry["caption"])
-    return Markup("<div{}>{}</div>").format(Markup(kind), shown)
+def body_of(name: str, shown: Mapping[str, Any]) -> tuple[str, dict[str, Figure]]:
+    """What stands below the introduction of a benchmark, and its figures by their file names."""
+    lines: list[str] = []
+    pictures = {}
+    plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
+    for problem, plots in plots_of:
+        picture = f"{name}-{'-'.join(re.findall(r'[a-z0-9]+', problem.lower()))}.png"
+        pictures[picture] = draw_curves(list(plots))
+        lines += ["", f"![error over CPU time: {problem}]({picture})"]
+    for entry in shown.get("tables", ()):
+        rows = [entry["head"], *([_cell(value) for value in row] for row in entry["rows"])]
+        lines += ["", f"{entry['caption']}:", "", *table_lines(rows)]
+    return "\n".join(lines) + "\n", pictures
 
 
 def _cell(value: Any) -> str:
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return value if isinstance(value, str) else number(value)
+    return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
 
 
 def draw_curves(plots: Sequence[Mapping[str, Any]]) -> Figure:

@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from benchmarks import unseen, unseen_layers, unseen_maps
+from benchmarks.page import plot, table
 from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
-from benchmarks.shown import plot, table
 from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.voxel_bodies import BODIES, Body, voxel_by_voxel
 from myork.console import ProgressCallback, silent
@@ -204,9 +204,7 @@ def _methods(rows: Rows) -> dict[str, Any]:
         "about": "The rows of `trust` by form: an answer is right if all probes are within "
         f"{WRONG:.0%} of the truth. Median errors and geometric means of CPU times cover "
         "different sizes and problems, because collocation is not solved at the finest size.",
-        "tables": [
-            table("Verdicts, and median errors of the probes", counted),
-        ],
+        "tables": [table("Verdicts, and median errors of the probes", counted)],
     }
 
 
@@ -327,9 +325,7 @@ def _certify(rows: Rows) -> dict[str, Any]:
         "uncertainty.",
         "coverage": {e["form"]: e["covered"] for e in sums if e["covered"] is not None},
         "sharpness": {entry["form"]: entry["bar over error, median"] for entry in sums},
-        "tables": [
-            table("Bars beside errors", shown),
-        ],
+        "tables": [table("Bars beside errors", shown)],
     }
 
 
@@ -395,9 +391,7 @@ def _halves(rows: Rows, view: str) -> dict[str, Any]:
         "about": f"{about} A probe is wrong if it is off by more than {WRONG:.0%} of the size of "
         "its kind, beyond the uncertainty of the truth. The other half was not used for tuning. "
         "Bars over errors, unknowns and CPU times are medians.",
-        "tables": [
-            table("Halves", shown),
-        ],
+        "tables": [table("Halves", shown)],
     }
 
 

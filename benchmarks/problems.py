@@ -54,7 +54,11 @@ def probe_kind(entry: Mapping[str, Any], size: Sequence[float] | None = None) ->
 
 
 def _problem(entry: Mapping[str, Any]) -> Problem:
-    """A problem with its deck as in the file."""
+    """A problem with its deck as in the file, which may give only what differs from another."""
+    if "like" in entry:
+        other = next(one for one in _ALL if one["name"] == entry["like"])
+        own = {"title": entry["name"], **entry["tables"]}
+        entry = {**other, **entry, "tables": other["tables"] | own}
     race = entry.get("race")
     return Problem(
         entry["name"], entry["tables"], _sizes(entry["sizes"]), _sizes(entry["elements"]),

@@ -14,9 +14,8 @@ solves problems of `unseen`, `layers` or `maps` whose truths their file lacks by
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
 prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known; with
-`--write` last `docs/results/tables.json` keeps its rows, and a page shows them, or what the
-module's `PIVOTS` makes of them. `half` is `tuned`, the cases on which settings were chosen, or
-`other`, on which none was.
+`--write` last its page in `docs/results` takes the rows. `half` is `tuned`, the cases on which
+settings were chosen, which no page shows, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
 its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
@@ -28,20 +27,17 @@ from __future__ import annotations
 
 import argparse
 import inspect
-import json
-import re
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
-from itertools import groupby
 from pathlib import Path
 from typing import Any, NamedTuple
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
-from benchmarks.page import draw_curves
+from benchmarks.page import body_of
 from benchmarks.problems import Problem, probe_kind
 from benchmarks.runs import outcome_text, solve_case
 from benchmarks.truths.exact import inner_stress
@@ -55,6 +51,7 @@ from myork.core.scene import Scene
 from myork.errors import ConvergenceError, MyorkError
 from myork.files import write_text
 from myork.records import PointCloud
+from myork.report.frame import table_lines
 
 #: Kinds of probes
 KINDS = ("displacement", "force", "stress", "surface stress")
@@ -82,15 +79,8 @@ TABLES = {
     "tissues": ("tissues",),
     "trained": ("trained",),
 }
-#: Modules of tables with a separate page of results, and its title; the others are about images
-PAGES = {
-    "across": "Errors by the number of points",
-    "images": "Images",
-    "scaling": "Threads",
-    "searched": "Searches and evenly spaced points",
-    "sizes": "Cost against size",
-    "trained": "Trained reduced models",
-}
+#: Modules whose tables share a page
+_IMAGES = ("real_anatomy", "real_images", "tissues")
 
 #: Name of a form, and the overrides that select it
 Form = tuple[str, Sequence[str]]
@@ -395,8 +385,7 @@ def main(*words: str) -> None:
     """Solve rows and write their views, or print a table."""
     modules = {table: module for module, tables in TABLES.items() for table in tables}
     if words and words[0] in modules:
-        _print_table(getattr(import_module(f"benchmarks.tables.{modules[words[0]]}"), words[0]),
-                     words[1:])  # fmt: skip
+        _print_table(modules[words[0]], words[0], words[1:])
         return
     from benchmarks import pivots, studies, unseen
 
@@ -436,35 +425,24 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
     about = machine()
     call = f"python benchmarks/runner.py {name}{' --quick' if options.quick else ''}"
     call += "".join(f" --only {problem!r}" for problem in options.only)
-    lines = [
-        f"# {shown['title']}",
-        "",
+    text, pictures = body_of(name, shown)
+    for picture, drawn in pictures.items():
+        drawn.savefig(options.out / picture, dpi=75)
+    return (
+        f"# {shown['title']}\n\n"
         f"Written by `{call}` on {about['date'][:10]} (MyoRK {about['version']}, "
         f"{about['processor']}, one thread, load of the machine {about['load_average']:.1f}). "
-        f"{shown['about']}",
-    ]
-    plots_of = groupby(shown.get("plots", ()), key=lambda one: one.get("figure", one["title"]))
-    for problem, plots in plots_of:
-        picture = f"{name}-{'-'.join(re.findall(r'[a-z0-9]+', problem.lower()))}.png"
-        draw_curves(list(plots)).savefig(options.out / picture, dpi=75)
-        lines += ["", f"![error over CPU time: {problem}]({picture})"]
-    for table in shown["tables"]:
-        rows = [table["head"], *([_cell(value) for value in row] for row in table["rows"])]
-        lines += ["", f"{table['caption']}:", "", *_lines(rows)]
-    return "\n".join(lines) + "\n"
+        f"{shown['about']}\n{text}"
+    )
 
 
-def _cell(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return "" if value is None else f"{value:.3g}" if isinstance(value, float) else str(value)
-
-
-def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
+def _print_table(module: str, name: str, arguments: Sequence[str]) -> None:
     """Print the rows of a table of docs/, or its usage."""
-    wanted, name, write = inspect.signature(table), table.__name__, arguments[-1:] == ("--write",)
+    table: Callable[..., Any] = getattr(import_module(f"benchmarks.tables.{module}"), name)
+    wanted, write = inspect.signature(table), arguments[-1:] == ("--write",)
     arguments = arguments[:-1] if write else arguments
-    fits = "half" not in wanted.parameters or arguments[:1] in (("tuned",), ("other",))
+    halves = (("other",),) if write else (("other",), ("tuned",))
+    fits = "half" not in wanted.parameters or arguments[:1] in halves
     try:
         wanted.bind(*arguments)
     except TypeError:
@@ -476,51 +454,25 @@ def _print_table(table: Callable[..., Any], arguments: Sequence[str]) -> None:
     rows = []
     for row in table(*arguments):
         rows.append(list(row))
-        print("\n".join(_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
+        print("\n".join(table_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
     if write:
         # do not publish the users' folders
         words = [name, *([half, *("DATA" for _ in arguments[1:])] if half else arguments)]
         call = f"`python benchmarks/runner.py {' '.join(words)} --write`"
         written = f"{call}: {about['processor']}, {about['date'][:10]}."
-        file = _RESULTS / "tables.json"
-        kept = [
-            one
-            for one in json.loads(file.read_text(encoding="utf-8"))
-            if (one["table"], one["half"]) != (name, half)
-        ]
-        kept.append({"table": name, "half": half, "written": written, "rows": rows})
-        kept.sort(key=lambda one: (one["table"], one["half"]))
-        text = ",\n".join(json.dumps(one, ensure_ascii=False) for one in kept)
-        write_text(file, f"[\n{text}\n]\n")
-        write_table_pages(kept)
+        page = "images" if module in _IMAGES else module
+        write_table(_RESULTS / f"{page}.md", name, inspect.getdoc(table) or "", rows, written)
 
 
-def _lines(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Lines of a table, whose first row is its header."""
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
-
-
-def write_table_pages(kept: Sequence[Mapping[str, Any]], folder: Path = _RESULTS) -> None:
-    """Write the pages of the tables that `tables.json` keeps."""
-    pages: dict[str, list[str]] = {}
-    for module, names in TABLES.items():
-        found = import_module(f"benchmarks.tables.{module}")
-        for name in names:
-            shown = getattr(found, "PIVOTS", {}).get(name, list)
-            for one in kept:
-                # cases on which settings were chosen are no evidence of their quality
-                if one["table"] == name and one["half"] != "tuned":
-                    about = inspect.getdoc(getattr(found, name)) or ""
-                    part = [f"## {name}", "", about, "", *_lines(shown(one["rows"])), ""]
-                    page = module if module in PAGES else "images"
-                    pages.setdefault(page, []).append("\n".join([*part, one["written"]]))
-    for page, parts in pages.items():
-        about = "`tables.json` keeps all rows of these tables. "
-        if page == "images":
-            about += "Shown is the half `other` of the cases, on which no setting was chosen."
-        text = [f"# {PAGES[page]}", about.strip(), *sorted(parts)]
-        write_text(folder / f"{page}.md", "\n\n".join(text) + "\n")
+def write_table(
+    page: Path, name: str, about: str, rows: Sequence[Sequence[str]], written: str
+) -> None:
+    """Put a table into a page in place of its earlier rows; its parts are in alphabetical order."""
+    text = page.read_text(encoding="utf-8") if page.is_file() else f"# {name.capitalize()}\n"
+    head, *parts = text.rstrip("\n").split("\n\n## ")
+    kept = {part.partition("\n")[0]: part for part in parts}
+    kept[name] = "\n".join([name, "", about, "", *table_lines(rows), "", written])
+    write_text(page, "\n\n## ".join([head, *(kept[key] for key in sorted(kept))]) + "\n")
 
 
 if __name__ == "__main__":

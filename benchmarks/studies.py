@@ -15,8 +15,8 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from benchmarks.page import plot, table
 from benchmarks.runs import METHODS, PUBLISHED_BLOCK
-from benchmarks.shown import plot, table
 from benchmarks.truths import exact
 from myork.bench.dissertation import TABLES, Row, Run, Table
 from myork.bench.linear import PUBLISHED_STUDIES, Sizes, Study
@@ -235,9 +235,7 @@ def run(name: str, progress: ProgressCallback, quick: bool) -> dict[str, Any]:
         "about": f"{__doc__}",
         "cases": cases,
         "rows": rows,
-        "tables": [
-            table("What was wanted beside what was found", list(map(_shown, rows))),
-        ],
+        "tables": [table("What was wanted beside what was found", list(map(_shown, rows)))],
         "plots": plots,
     }
 

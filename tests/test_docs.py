@@ -1,11 +1,10 @@
 """The site: it builds without warnings, its index of equations is correct, its tutorials run.
 
 The command output shown on a page is what the command prints. Scripts of the gallery run, are
-short and are shown on its page with their pictures; notebooks run with their assertions, and are
-stored without outputs.
+short and are shown on its page with their pictures.
 """
 
-import json
+import inspect
 import os
 import re
 import shlex
@@ -13,15 +12,14 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from functools import cache
+from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
 
-import nbformat
 import pytest
 import yaml
-from nbclient import NotebookClient
 
-from benchmarks.runner import PAGES, write_table_pages
+from benchmarks.runner import TABLES, write_table
 from myork.bench import BENCHES
 from tests.scenes import myork
 
@@ -158,19 +156,30 @@ def test_tutorials_run(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.slow
-def test_pages_of_tables_show_the_rows_that_are_kept(tmp_path: Path) -> None:
-    """Pages are what the runner makes of `tables.json`."""
+def test_tables_stand_below_what_their_functions_say() -> None:
     results = ROOT / "docs" / "results"
-    write_table_pages(json.loads((results / "tables.json").read_text("utf-8")), tmp_path)
-    assert {page.name for page in tmp_path.iterdir()} == {f"{name}.md" for name in PAGES}
-    for page in tmp_path.iterdir():
-        assert page.read_text("utf-8") == (results / page.name).read_text("utf-8")
+    pages = {page.stem: page.read_text("utf-8") for page in results.glob("*.md")}
+    for module, names in TABLES.items():
+        page = pages.get(module, pages["images"])
+        for name in (name for name in names if f"\n## {name}\n" in page):
+            about = inspect.getdoc(getattr(import_module(f"benchmarks.tables.{module}"), name))
+            assert f"\n\n## {name}\n\n{about}\n\n| " in page, name
 
 
-# ---- the gallery and the notebooks ---------------------------------------------------------------
+def test_a_table_replaces_its_earlier_rows(tmp_path: Path) -> None:
+    page = tmp_path / "images.md"
+    for rows in ([["a", "b"], ["1", ""]], [["a"], ["2"]]):
+        write_table(page, "two", "About two.", rows, "today")
+        write_table(page, "one", "About one.", [["c"]], "now")
+    assert page.read_text("utf-8") == (
+        "# Two\n\n## one\n\nAbout one.\n\n| c |\n|---|\n\nnow\n\n"
+        "## two\n\nAbout two.\n\n| a |\n|---|\n| 2 |\n\ntoday\n"
+    )
+
+
+# ---- the gallery ---------------------------------------------------------------------------------
 
 SCRIPTS = sorted((ROOT / "examples").glob("*.py"))
-NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
 def test_the_gallery_shows_every_script() -> None:
@@ -198,25 +207,12 @@ def test_a_script_makes_its_picture(script: Path, tmp_path: Path) -> None:
     assert said and not {"doubtful", "refused", "nan"} & set(said.replace(":", " ").split()), said
 
 
-@pytest.mark.nightly
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda p: p.stem)
-def test_notebooks_run(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("MPLBACKEND", raising=False)  # figures below the cells
-    notebook = nbformat.read(path, as_version=4)
-    assert not any(cell.get("outputs") for cell in notebook.cells), "keep it without outputs"
-    NotebookClient(notebook, timeout=600, resources={"metadata": {"path": str(tmp_path)}}).execute()
-    outputs = [out for cell in notebook.cells for out in cell.get("outputs", [])]
-    shown = [out["data"] for out in outputs if "data" in out]
-    assert any("image/png" in data for data in shown)
-    assert not [out for out in outputs if out.get("name") == "stderr"]
-
-
 # ---- links, numbers of the README, citation ------------------------------------------------------
 
 
-TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *NOTEBOOKS])
+TEXTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
 #: Texts in backquotes that are paths of the tree
-FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "notebooks", "pydriver", "tests"]
+FOLDERS = ["benchmarks", "docs", "examples", "fortran", "inputs", "pydriver", "tests"]
 FOLDERS += [".ci", ".github"]
 
 

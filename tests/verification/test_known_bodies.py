@@ -1,27 +1,28 @@
 """Bodies with known answers: the muscle block, voxels of true shapes, walls of tubes.
 
-References are finite elements of the true shape, and the radial boundary value problem
-(`benchmarks/truths/tubes.py`), whose solution is the same at every angle.
+References are finite elements of the true shape, and the radial boundary value problem, whose
+solution is the same at every angle.
 """
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from benchmarks.runner import sized_tables
 from benchmarks.runs import solve_case
-from benchmarks.truths.deck_parts import deck, force, held
+from benchmarks.truths import exact
+from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
-from benchmarks.truths.tubes import tube_deck, wall_stresses
 from benchmarks.unseen import answers, known, problem_of
 from benchmarks.unseen_maps import AS_THEY_ARE, TRUTHS, body_of
 from benchmarks.voxel_bodies import BODIES, Body, body_cloud, box_tables
 from myork.bench.runs import read_deck
 from myork.console import silent
 from myork.stations.solve import run_deck
-from tests.scenes import neo, solved
+from tests.scenes import PLANES, RUBBER, annulus, neo, scene, solved
 
 # ---- the block between fixed ends at the smallest useful size, 5 x 5 x 9 at order 4 --------------
 
@@ -38,9 +39,9 @@ def test_inclined_fibers_meet_finite_elements(inputs: Path, tmp_path: Path) -> N
     overrides = (*SIZE, "load.steps=3", "load.activation=0.15")
     summary = run_deck(inputs / "muscle_fibers.toml", tmp_path, overrides=overrides, threads=1)
     assert summary["converged"] and len(summary["reference"]) == 6
-    for probe, entry in summary["reference"].items():
-        assert len(entry["relative_error"]) == 3, probe
-        assert max(entry["relative_error"]) < 0.015, probe
+    for name, entry in summary["reference"].items():
+        assert len(entry["relative_error"]) == 3, name
+        assert max(entry["relative_error"]) < 0.015, name
 
 
 # ---- bodies from label maps ----------------------------------------------------------------------
@@ -123,6 +124,31 @@ def test_a_stress_is_judged_by_the_size_of_its_own_tissue() -> None:
 #: Radii, motion of the inner wall, bulk modulus
 TUBE = (6.0, 8.0, 6.0, 1e3)
 STIFF = (6.0, 8.0, 6.0, 1e7)
+#: Angles of the probes: on the planes of symmetry and between them
+ANGLES = {"x": 0.0, "between": np.pi / 4, "y": np.pi / 2}
+
+
+def tube_deck(tube: tuple[float, ...], source: list[int]) -> dict[str, Any]:
+    """Quarter of a rubber tube with probes of the radial stress on its inner wall and of the hoop
+    stress on its outer one; no form or order is given.
+    """
+    inner, outer, moved, bulk = tube
+    wanted = [
+        probe(f"{wall} {name}", quantity, (radius * np.round([np.cos(a), np.sin(a)], 15)).tolist())
+        for name, a in ANGLES.items()
+        for wall, radius, quantity in (("inner", inner, "cauchy_rr"), ("outer", outer, "cauchy_tt"))
+    ]
+    return scene(
+        "auto", annulus(*source, radii=(inner, outer)), material=[{**RUBBER, "K": bulk}],
+        boundary=[*PLANES[:2], {"set": "inner", "radial": moved}], probe=wanted,
+    )  # fmt: skip
+
+
+def wall_stresses(inner: float, outer: float, moved: float, bulk: float) -> dict[str, float]:
+    """Radial stress on the inner wall, and hoop stress on the outer one."""
+    law = exact.Polynomial.from_deck(RUBBER, bulk)
+    found = exact.tube(law, inner, outer, moved, [inner, outer])
+    return {"inner": float(found.radial[0]), "outer": float(found.hoop[1])}
 
 
 @pytest.mark.slow
@@ -132,11 +158,11 @@ STIFF = (6.0, 8.0, 6.0, 1e7)
 ])  # fmt: skip
 def test_stress_on_the_walls_is_as_right_as_the_run_says(tube, source):
     """With a support of 2.5 the walls were 20 and 6 % off at planes of symmetry, but accepted."""
-    exact = wall_stresses(*tube)
-    found = solved(sized_tables(tube_deck(*tube), source), error=True)
+    walls = wall_stresses(*tube)
+    found = solved(tube_deck(tube, source), error=True)
     assert found.states.verdict == "accepted", found.states.reasons
     for name, value in found.last().items():
-        truth, bar = exact[name.split()[0]], found.bar(name)
+        truth, bar = walls[name.split()[0]], found.bar(name)
         assert abs(value - truth) <= bar, f"{name}: {value} instead of {truth}, bar {bar}"
         assert bar < 0.05 * abs(truth), f"{name}: bar of {bar / abs(truth):.1%}"
 
@@ -150,14 +176,14 @@ def test_force_of_order_two_falls_with_the_third_power_of_the_spacing(tube, boun
     length of one spacing; from a motion of the cut alone, which jumps there, errors with few points
     are 3 to 7 times larger.
     """
-    exact = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
+    truth = wall_stresses(*tube)["inner"] * (tube[0] + tube[2])
     errors = []
     for source in ([5, 26], [9, 51]):
-        tables = sized_tables(tube_deck(*tube), source)
+        tables = tube_deck(tube, source)
         tables["probe"] = [force("cut", "x", "x0"), force("bore", "x", "inner")]
         found = solved(tables).last()
         assert found["bore"] == pytest.approx(-found["cut"], rel=1e-6)
-        errors.append(abs(found["cut"] / exact - 1.0))
+        errors.append(abs(found["cut"] / truth - 1.0))
     assert errors[0] < bound and 6.5 < errors[0] / errors[1] < 25.0
 
 
@@ -167,10 +193,10 @@ def test_the_wall_bears_what_its_supports_exert(source, bound, essential) -> Non
     """From derivatives of the displacement and pressures of groups, the errors at the plane of
     symmetry are 1.2e-2 and 3.6e-3 (5x26, 9x51); from one-sided fits there 2.9e-4 (5x51).
     """
-    tables = sized_tables(tube_deck(*TUBE), source) | {"galerkin": {"essential": essential}}
-    found, exact = solved(tables).last(), wall_stresses(*TUBE)["inner"]
-    assert [found["inner x"], found["inner y"]] == pytest.approx([exact] * 2, rel=bound)
-    assert found["inner between"] == pytest.approx(exact, rel=0.7 * bound)
+    tables = tube_deck(TUBE, source) | {"galerkin": {"essential": essential}}
+    found, truth = solved(tables).last(), wall_stresses(*TUBE)["inner"]
+    assert [found["inner x"], found["inner y"]] == pytest.approx([truth] * 2, rel=bound)
+    assert found["inner between"] == pytest.approx(truth, rel=0.7 * bound)
 
 
 def test_a_glued_end_bears_what_its_supports_exert() -> None:

@@ -144,6 +144,7 @@ def test_cheap_tables(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
         assert two[f"{method}, total [s]"] == pytest.approx(sum(parts))
     page = (tmp_path / "reproduce.html").read_text("utf-8")
     assert page.count("<table") == 3 and "myork reproduce" in page and "reproduce.json" in page
+    assert "<code>inputs/shear_2d.toml --set 'geometry.source=[17,5]'" in page
     notes = (tmp_path / "reproduce.md").read_text("utf-8")
     assert re.findall("^## (.*?):", notes, re.M) == ["Table 4.1", "Figure 5.2", "Table 5.2"]
     # the one picture is drawn, and shown on both pages

@@ -187,7 +187,7 @@ _CHAPTER_4 = (
         "channels of the image and of the fibers, and by grey values alone where fat surrounds "
         "the muscle. Slices are at the same fraction of the height",
         Picture(
-            pictures.gastrocnemius,
+            pictures.agreement,
             "Medial gastrocnemius by three level sets in channels of image and fibers, beside the "
             "true one",
         ),
@@ -210,7 +210,7 @@ _CHAPTER_4 = (
         "the figure shows pixels of a subject and gives no score; this is a phantom with sheets "
         "thinner than a pixel, whose truth is known",
         Picture(
-            pictures.connective_tissue,
+            pictures.agreement,
             "Connective tissue of a calf over the muscle around, beside the true one",
         ),
     ),

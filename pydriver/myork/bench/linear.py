@@ -52,7 +52,7 @@ PUBLISHED_STUDIES = {
 
 
 def study_rates(study: Study) -> dict[str, Any]:
-    """Fitted rates of a study, `L2` and `H1`, its `cases`, and the last relative errors."""
+    """Fitted rates of a study, `L2` and `H1`, and its `cases`."""
     length = read_deck(study.deck)["geometry"]["size"][0]
     cases = []
     for source, points in zip(study.source, study.collocation, strict=True):
@@ -70,4 +70,4 @@ def study_rates(study: Study) -> dict[str, Any]:
         norm: float(np.polyfit(h, np.log([case["errors"][norm] for case in cases]), 1)[0])
         for norm in ("L2", "H1")
     }
-    return {**rates, "finest": cases[-1]["errors"], "cases": cases}
+    return {**rates, "cases": cases}

@@ -12,26 +12,17 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from myork.records import Image, Labels
+from myork.records import Labels
 from myork.report.figures import COLOURS, MARKERS, Series, panels_of, probe_figure
 from myork.report.image_figures import slice_figure
-from myork.types import I32, Mask
+from myork.types import I32
 
 
-def gastrocnemius(records: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Slices with the segmented muscle beside the true one."""
-    record = records["enriched"]
-    return _agreement(record["truth"].data > 0, record["found"].data > 0, record["anatomy"])
-
-
-def connective_tissue(records: Mapping[str, Mapping[str, Any]]) -> Figure:
-    """Slices with the segmented connective tissue beside the true one."""
-    record = records["tissue"]
-    return _agreement(record["truth"].data == 3, record["labels"].data == 3, record["image"])
-
-
-def _agreement(truth: Mask, found: Mask, image: Image) -> Figure:
-    """Voxels where a tissue is found correctly, missed, or found in excess."""
+def agreement(records: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """Voxels where the first run finds a tissue correctly, misses it, or finds it in excess."""
+    record = next(iter(records.values()))
+    truth, found = (record[name].data > 0 for name in ("truth", "found"))
+    image = record["anatomy"]
     kinds: I32 = np.where(truth, np.where(found, 1, 2), np.where(found, 3, 0)).astype(np.int32)
     names = {1: "found", 2: "missed", 3: "too much"}
     return slice_figure(Labels(kinds, image.affine, names), image, None)

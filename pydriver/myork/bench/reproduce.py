@@ -43,7 +43,7 @@ from myork.errors import ConvergenceError, InputError, MyorkError
 from myork.files import INPUTS, alone_in, write_figure, write_json, write_text
 from myork.imaging.io import read_image, read_labels
 from myork.records import Labels
-from myork.report.frame import Page, Section, figure, table
+from myork.report.frame import page_of_markdown, table_lines
 from myork.results import Results
 from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.study import PathStates, reduced_path
@@ -137,16 +137,13 @@ def _tissue(run: Run, progress: ProgressCallback) -> Record:
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         out = Path(folder)
         found = segment(INPUTS / f"{run.deck}.toml", out, threads=1, progress=progress)
-        labels, truth = (read_labels(out / f"{name}.nii.gz") for name in ("tissue", "true_tissue"))
-        image = read_image(out / "connective.nii.gz")
+        record: dict[str, Any] = {"anatomy": read_image(out / "connective.nii.gz")}
+        for name, file in (("found", "tissue"), ("truth", "true_tissue")):
+            labels = read_labels(out / f"{file}.nii.gz")
+            record[name] = replace(labels, data=(labels.data == CONNECTIVE).astype(np.int32))
         clusters = read_image(out / "membership_connective_tissue.nii.gz").data > 0.5
     scores = {name: score["dice"] for name, score in found["tissue"]["scores"].items()}
-    return scores | {
-        "dice_clusters": dice(clusters, truth.data == CONNECTIVE),
-        "labels": labels,
-        "truth": truth,
-        "image": image,
-    }
+    return record | scores | {"dice_clusters": dice(clusters, record["truth"].data > 0)}
 
 
 def _aged(run: Run, progress: ProgressCallback) -> Record:
@@ -207,7 +204,8 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
     with tempfile.TemporaryDirectory(prefix="myork-") as folder:
         if run.deck == "mg_muscle":
             for station in (segment, build):
-                station(INPUTS / "mg_muscle.toml", Path(folder), overrides=_images(run), threads=1)
+                words = [w for w in run.overrides if w.startswith(("phantom", "image", "build"))]
+                station(INPUTS / "mg_muscle.toml", Path(folder), overrides=words, threads=1)
         with Scene(INPUTS / f"{run.deck}.toml", run.overrides, Path(folder), threads=1) as scene:
             progress(f"{run.deck}: full model, {scene.dofs} unknowns")
             before = time.process_time()
@@ -229,11 +227,6 @@ def _path(run: Run, progress: ProgressCallback) -> Record:
     for entry in record.values():
         entry |= {"cpu_min": entry["cpu_s"] / 60, "saved": 100 * (1 - entry["cpu_s"] / dense)}
     return record | {"full": {"cpu_min": dense / 60, "auto_min": auto / 60}}
-
-
-def _images(run: Run) -> tuple[str, ...]:
-    """Overrides for models built from images."""
-    return tuple(word for word in run.overrides if word.startswith(("phantom", "image", "build")))
 
 
 def _dense_iteration(scene: Scene, start: F64) -> float:
@@ -335,19 +328,26 @@ def reproduce(
             rows[entry.name] = rows_of(entry, records)
             found = {name: records[run] for name, run in entry.runs.items()}
             if entry.picture is not None and not any("ended" in one for one in found.values()):
-                pictures[entry.name] = entry.picture.draw(found)
                 (out / "reproduced").mkdir(exist_ok=True)
-                write_figure(out / _picture(entry.name), pictures[entry.name])
-            text = _text(entry, rows[entry.name], entry.name in pictures)
+                path = _picture(entry.name)
+                pictures[path] = entry.picture.draw(found)
+                write_figure(out / path, pictures[path])
+            text = _text(entry, rows[entry.name], pictures)
             show("\n".join([*_runs_text(entry), text]))
             # written after each table: stopping a later one loses nothing already computed
             done = [own for own in order if own.name in rows]
             content["rows"] = [row for own in done for row in rows[own.name]]
             write_json(out / "reproduce.json", content)
-            texts = [_text(own, rows[own.name], own.name in pictures) for own in done]
+            texts = [_text(own, rows[own.name], pictures) for own in done]
             write_text(out / "reproduce.md", _markdown(content, done, texts))
-            sections = [_section(own, rows[own.name], pictures.get(own.name)) for own in done]
-            write_text(out / "reproduce.html", _page(content, done, sections))
+            # for readers without the command's output, with the decks
+            texts = [
+                text.replace("\n", "".join(f"\n\n`{line}`" for line in _runs_text(own)) + "\n", 1)
+                for own, text in zip(done, texts, strict=True)
+            ]
+            footer = Markup("All numbers: <code>reproduce.json</code>")
+            page = page_of_markdown(_markdown(content, done, texts), pictures, footer)
+            write_text(out / "reproduce.html", page)
     return content
 
 
@@ -424,103 +424,59 @@ def _runs_text(entry: Table) -> list[str]:
 
 
 def _notes(rows: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Notes of the rows, those of large deviations first, each once."""
+    """Notes of the rows as sentences, those of large deviations first, each once."""
     ordered = sorted(rows, key=lambda row: not row["far"])
     notes = dict.fromkeys(row["note"] for row in ordered if row["note"])
     ended = dict.fromkeys(row["ended"] for row in rows if "ended" in row)
-    return [*(f"no number: {text}" for text in ended), *notes]
+    texts = [*(f"no number: {text}" for text in ended), *notes]
+    return [f"{text[0].upper()}{text[1:].removesuffix('.')}." for text in texts]
 
 
 def _number(value: float | None, digits: int = 4) -> str:
     return "-" if value is None else f"{value:.{digits}g}"
 
 
-def _heading(name: str) -> str:
-    """`table 6.8` or `figure 5.2`."""
-    return name.replace("-", " ") if name.startswith("figure") else f"table {name}"
-
-
-def _text(entry: Table, rows: Sequence[Mapping[str, Any]], drawn: bool) -> str:
+def _text(entry: Table, rows: Sequence[Mapping[str, Any]], pictures: Mapping[str, Figure]) -> str:
     """A table as written to `reproduce.md`."""
-    lines = [f"## {_heading(entry.name).capitalize()}: {entry.title}", ""]
-    heads, cells = _grid(entry, rows, r" \*")
-    lines += [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    lines += [f"| {' | '.join(line)} |" for line in cells]
-    if drawn and entry.picture is not None:
-        lines += ["", f"![{entry.picture.caption}]({_picture(entry.name)})"]
-    return "\n".join([*lines, "", *(f"{_sentence(note)}\n" for note in _notes(rows))])
-
-
-def _grid(
-    entry: Table, rows: Sequence[Mapping[str, Any]], far: str
-) -> tuple[list[str], list[list[str]]]:
-    """Columns and lines of a table as text; `far` marks large deviations."""
     beside = {row.name: row.beside for row in entry.rows if row.beside}
     more = {beside[row["row"]]: _number(row["ours"]) for row in rows if row["row"] in beside}
     columns = list(dict.fromkeys(column for _, column in more))
-    lines = [
+    lines = [["row", "published", "ours", "ratio", "CPU [s]", *columns]]
+    lines += [
         [
             row["row"],
             _number(row["published"]),
             _number(row["ours"]),
-            _number(row["ratio"], 3) + (far if row["far"] else ""),
+            _number(row["ratio"], 3) + (r" \*" if row["far"] else ""),
             _number(row["cpu_s"], 3),
             *(more.get((row["row"], column), "") for column in columns),
         ]
         for row in rows
         if row["row"] not in beside
     ]
-    return ["row", "published", "ours", "ratio", "CPU [s]", *columns], lines
-
-
-def _section(entry: Table, rows: Sequence[Mapping[str, Any]], picture: Figure | None) -> Section:
-    """A table as written to `reproduce.html`."""
-    parts = [Markup("<p><code>{}</code></p>").format(line) for line in _runs_text(entry)]
-    if picture is not None and entry.picture is not None:
-        parts.append(figure(picture, entry.picture.caption))
-    parts.append(table(*_grid(entry, rows, " *")))
-    parts += [Markup("<p>{}</p>").format(_sentence(note)) for note in _notes(rows)]
-    return Section(entry.name, f"{_heading(entry.name)}: {entry.title}", parts)
-
-
-def _about(content: Mapping[str, Any], done: Sequence[Table]) -> str:
-    """What was computed, and how many numbers deviate strongly."""
-    far = [row["row"] for row in content["rows"] if row["far"]]
-    times = sum(name.endswith(("[s]", "[min]")) for name in far)
-    return (
-        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
-        f"thread): {len(content['rows'])} numbers of {len(done)} tables and figures. {len(far)} of "
-        f"them are more than {100 * FAR:.0f} % off (*), with the reason below the table; {times} "
-        "of these are times of another machine. CPU seconds are of the runs that a row reads."
-    )
-
-
-def _call(done: Sequence[Table]) -> str:
-    names = [entry.name for entry in done]
-    return f"myork reproduce {' '.join(names) if len(names) < 8 else 'all'}"
-
-
-def _page(content: Mapping[str, Any], done: Sequence[Table], sections: list[Section]) -> str:
-    """The HTML page."""
-    footer = Markup("Made by <code>{}</code>; all numbers: <code>reproduce.json</code>")
-    about = f"Computed by myork {_about(content, done)}"
-    return Page("Tables and figures", sections, footer.format(_call(done)), about=about).text()
+    name = entry.name if entry.name.startswith("figure") else f"table {entry.name}"
+    heading = f"## {name.replace('-', ' ').capitalize()}: {entry.title}"
+    text = [heading, "", *table_lines(lines)]
+    if entry.picture is not None and _picture(entry.name) in pictures:
+        text += ["", f"![{entry.picture.caption}]({_picture(entry.name)})"]
+    return "\n".join([*text, "", *(f"{note}\n" for note in _notes(rows))])
 
 
 def _markdown(content: Mapping[str, Any], done: Sequence[Table], texts: Sequence[str]) -> str:
     """The page `docs/reproduced.md`."""
-    lines = [
-        "# The dissertation's tables and figures",
-        "",
-        f"Written by `{_call(done)}` {_about(content, done)} The command prints the decks with "
-        "their overrides, `myork reproduce --list` the costs, and figures without numbers.",
-        "",
-    ]
-    return "\n".join([*lines, *texts])
-
-
-def _sentence(text: str) -> str:
-    return text[0].upper() + text[1:] + ("" if text.endswith(".") else ".")
+    names = [entry.name for entry in done]
+    far = [row["row"] for row in content["rows"] if row["far"]]
+    times = sum(name.endswith(("[s]", "[min]")) for name in far)
+    about = (
+        f"Written by `myork reproduce {' '.join(names) if len(names) < 8 else 'all'}` "
+        f"(version {content['version']}, {content['date'][:10]}, {content['processor']}, one "
+        f"thread): {len(content['rows'])} numbers of {len(done)} tables and figures. {len(far)} of "
+        f"them are more than {100 * FAR:.0f} % off (*), with the reason below the table; {times} "
+        "of these are times of another machine. CPU seconds are of the runs that a row reads. The "
+        "command prints the decks with their overrides, `myork reproduce --list` the costs, and "
+        "figures without numbers."
+    )
+    return "\n".join(["# The dissertation's tables and figures", "", about, "", *texts])
 
 
 def entry_of(case: Mapping[str, Any], key: str) -> Any:

@@ -2,12 +2,14 @@
 
 import base64
 import io
-from collections.abc import Iterable, Sequence
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markdown_it import MarkdownIt
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
@@ -56,6 +58,29 @@ class Page(NamedTuple):
         return render("page.html", page=shown, sections=[own for own in listed if own[2]])
 
 
+def page_of_markdown(text: str, pictures: Mapping[str, Figure], footer: Markup) -> str:
+    """A page in Markdown as one file; its headings of the second level begin sections.
+
+    - `pictures`: figures by the paths that the text gives, each in a paragraph
+    """
+    reader = MarkdownIt("js-default")
+    head, *parts = re.split("^## ", text, flags=re.M)
+    title, _, about = head.removeprefix("# ").partition("\n")
+    sections = []
+    for number, part in enumerate(parts, start=1):
+        name, _, body = part.partition("\n")
+        html = re.sub("(<table>.*?</table>)", r'<div class="scroll">\1</div>', reader.render(body),
+                      flags=re.S)  # fmt: skip
+        html = re.sub(
+            '<p><img src="(.*?)" alt="(.*?)"></p>',
+            lambda found: figure(pictures[found[1]], Markup(found[2])),
+            html,
+        )
+        sections.append(Section(f"section-{number}", name, [Markup(html)]))
+    shown = Markup(reader.renderInline(about.strip()))
+    return Page(title, sections, footer, about=shown).text()
+
+
 def render(template: str, **values: Any) -> Markup:
     """Fill in a file of `templates`; a name without a value is an error."""
     return Markup(_environment().get_template(template).render(values))
@@ -78,6 +103,12 @@ def figure(picture: Figure, caption: str) -> Markup:
 def table(head: Sequence[str], rows: Iterable[Sequence[str]], caption: str = "") -> Markup:
     """A table; its first column names the rows, and an empty head gives a table without a head."""
     return render("table.html", head=head, rows=rows, caption=caption)
+
+
+def table_lines(rows: Sequence[Sequence[str]]) -> list[str]:
+    """A table as lines of Markdown; its first row is the head."""
+    lines = [f"| {' | '.join(row)} |" for row in rows]
+    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:]]
 
 
 def folded(summary: str, content: Markup) -> Markup:
