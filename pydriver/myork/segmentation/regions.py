@@ -25,8 +25,8 @@ _SLOW, _DIM, _LIKE_NOISE = 3.0, 0.5, 0.35
 # A tissue of this many voxels or more contains two if two classes explain more than this part of
 # the variance of its grey values (marrow in fat up to 0.84, muscle half of fat 0.89 or more) and
 # the one closer to muscle has more than this part of the muscle's size (marrow 0.05), or if it
-# scatters by this part of the difference to muscle (fat 0.2).
-_ENOUGH, _TWO, _PARTLY, _MIXED = 20, 0.86, 0.07, 0.22
+# scatters by this part of the difference to muscle (fat 0.2). Below the last part it is uniform.
+_ENOUGH, _TWO, _PARTLY, _MIXED, _EVEN = 20, 0.86, 0.07, 0.22, 0.01
 # Bright spots of an image stay below this many times its 99th percentile.
 _OUTLIER = 1e6
 
@@ -104,9 +104,11 @@ def doubt_of_mixture(values: F64, tissue: Mask, muscle: Mask) -> str:
     - `tissue`, `muscle`: their voxels, same shape
     """
     inside = ndimage.uniform_filter(values, (3, 3, 1))[whole_voxels(tissue)]
-    if inside.size < _ENOUGH or not muscle.any() or not np.ptp(inside) > 0:
+    if inside.size < _ENOUGH or not muscle.any():
         return ""
     away = np.abs(inside - values[muscle].mean())
+    if away.std() < _EVEN * away.mean():
+        return ""
     far = away > otsu(away)
     near = float((~far).sum() / muscle.sum())
     between = far.mean() * (~far).mean() * (away[far].mean() - away[~far].mean()) ** 2
