@@ -166,6 +166,16 @@ def test_fat_between_muscles_is_fat_without_a_doubt():
     assert not leg_tissues(image, body=disc(45.0)).doubts
 
 
+@pytest.mark.parametrize(("pixel", "bones"), [(1.0, 2), (2.0, 1)])
+def test_a_fibula_that_pixels_do_not_resolve_is_noticed(pixel, bones):
+    """A thin calf: the wall of its fibula is 1.4 mm thick."""
+    count = int(100 / pixel)
+    calf = make_phantom((count, count, 3), (pixel, pixel, 6.0), bias=0.0, scale=0.8)
+    found = leg_tissues(calf.anatomy)
+    assert ndimage.label(found.labels.data[..., 1] == 4)[1] == bones
+    assert ("one bone, close to the skin, was found in 3 of 3" in str(found.doubts)) == (bones < 2)
+
+
 def test_bone_of_images_of_water_and_fat():
     """Their sum shows fat and muscle alike; the weak signal of cortex is mostly noise."""
     whole, clean = limb(muscle=1.0)[0], limb(muscle=0.05, noise=0.0)[0].data
@@ -197,6 +207,50 @@ def test_lost_limbs_and_exchanged_phases_are_noticed(radius, muscle, message):
     assert re.search(message, "".join(found.warnings))
 
 
+@pytest.mark.parametrize(("keys", "message"), [
+    ({}, ""), ({"muscle": 0.8, "noise": 0.05}, ""),
+    ({"muscle": 0.9, "noise": 0.05, "bone": 0.0}, "that by 2.3 times the noise"),
+    ({"muscle": 1.0, "bone": 0.0}, "that by 1.6 times the noise"),
+    ({"muscle": 0.93}, "labelled muscle, is 1 % of the region"),  # cortex
+])  # fmt: skip
+def test_phases_that_are_not_muscle_and_fat_are_noticed(keys, message):
+    image, flesh, _ = limb(**keys)
+    found = segment_images(Images(image), table_defaults("image"))
+    right = dice((found.labels.data > 0) & ~disc(7.0), flesh) > 0.95
+    assert right == (not message) == (not found.warnings)
+    assert re.search(message, "".join(found.warnings))
+
+
+@pytest.mark.parametrize("share", [0.3, 0.6, 0.75])
+def test_muscles_lost_to_fat_are_noticed(share):
+    """Two of four muscles hold fat evenly: half of it puts them into the phase of fat."""
+    image, flesh, _ = limb()
+    x, _, _ = centred(100, 100, 1)
+    image.data[flesh & (x > 0)] += 60.0 * share
+    found = segment_images(Images(image), table_defaults("image"))
+    tissue = leg_tissues(image)
+    for labels, doubts in ((found.labels, found.warnings), (tissue.labels, tissue.doubts)):
+        right = dice((labels.data == 1) & ~disc(7.0), flesh) > 0.95
+        assert right == (share < 0.4) == (not doubts)
+        assert right or "It may be muscle infiltrated by fat" in "".join(doubts)
+
+
+def test_slices_beyond_a_limb_have_no_label():
+    """Slices of noise, also stronger; a limb far from the coil is kept."""
+    image, noise = limb()[0], np.random.default_rng(2)
+    ends = [100 * rician(np.zeros((100, 100)), s, noise) for s in (0.02, 0.05)]
+    one = image.data[..., 0]
+    for dim in (0.2, 1.0):
+        stack = np.stack([ends[0], dim * one, one, one, one, ends[1]], axis=-1)
+        image = replace(image, data=stack)
+        assert (body_mask(image).sum(axis=(0, 1)) > 1000).tolist() == [False, *[True] * 4, False]
+    found = segment_images(Images(image), table_defaults("image"))
+    tissue = leg_tissues(image)
+    for labels, doubts in ((found.labels, found.warnings), (tissue.labels, tissue.doubts)):
+        assert (labels.data > 0).any(axis=(0, 1)).tolist() == [False, *[True] * 4, False]
+        assert not doubts
+
+
 def test_an_image_without_air_is_no_leg():
     image, _, _ = limb(gap=2, bone=0.0)
     inner = replace(image, data=image.data[30:-30, 30:-30])
@@ -207,6 +261,9 @@ def test_a_trunk_is_no_limb():
     image = limb()[0]
     wide = Image(image.data, affine_of((4.0, 4.0, 5.0)))
     assert "1020 cm^2, more than a limb" in " ".join(leg_tissues(wide).doubts)
+    # a thigh of 415 cm^2 of which 177 cm^2 are muscle is one
+    obese = replace(limb(skin=46.0, core=30.0)[0], affine=affine_of((2.5, 2.5, 5.0)))
+    assert not leg_tissues(obese).doubts
 
 
 def test_another_echo_parts_what_one_image_does_not():

@@ -23,6 +23,8 @@ _JUMP = 1.4
 # in the correlation of their edges that it must bring
 _MOVED = 3.0
 _BETTER = 0.05
+# Ratio of areas from which on two slices are not compared: they cut a limb lengthwise near its side
+_GROWN = 1.15
 # Threshold of the body relative to a bright percentile; number of steps compared on either side
 _BODY, _BRIGHT = 0.3, 98
 _DIM = 0.15  # the same with its darkest parts included, and with bright ghosts
@@ -73,6 +75,9 @@ def damaged_slices(image: Image) -> list[Damage]:
     smooth = ndimage.gaussian_filter(slices[whole], (0.0, 1.0, 1.0))
     body = np.array([one > _BODY * np.percentile(one, _BRIGHT) for one in smooth], dtype=bool)
     signal, place = _signal_steps(smooth, body), _place_steps(smooth)
+    area = np.log(np.maximum(body.sum(axis=(1, 2)), 1)) if len(body) else np.zeros(0)
+    unlike = np.abs(np.diff(area)) > np.log(_GROWN)
+    signal[unlike], place[unlike] = 0.0, 0.0
     faults = [
         Damage(_between(full), "no signal"),
         Damage(repeated, "the values of the slice before"),

@@ -146,12 +146,45 @@ def separate_many(
     - `echoes`, `body`, `spacing`, `factors`: of each echo, as in `separate`
     - `times`: echo times [ms]
     """
-    pairs = list(combinations(range(len(echoes)), 2))
+    size, signal = np.asarray(spacing, float), _inside(echoes, body)
+    # Some scanners store phases with the opposite sign; the fullest slice shows which sign fits.
+    axis = slice_axis(size, body.shape)
+    place = np.arange(body.shape[axis]) == np.moveaxis(body, axis, 0).sum(axis=(1, 2)).argmax()
+    some = body & np.expand_dims(place, tuple(np.delete(np.arange(3), axis)))
+    signs = (signal[some[body]], signal[some[body]].conj())
+    given, other = (_many(one, some, size, factors, times)[4].sum() for one in signs)
+    sign = -1 if given > _CLEARLY * other else 1
+    clear = max(given, other) > _CLEARLY * min(given, other)
+    water, fat, decay, phase, _, doubts = _many(
+        signal.conj() if sign < 0 else signal, body, size, factors, times, clear=clear
+    )
+    if sign < 0:
+        doubts = (
+            "dixon: all phases were taken with the opposite sign, with which the misfit of the "
+            f"echoes is {given / max(other, 1e-300):.1f} times smaller; check that fat lies under "
+            "the skin in fat.nii.gz",
+            *doubts,
+        )
+    return _found(water, fat, sign * phase, body, doubts, decay)
+
+
+def _many(
+    signal: C128,
+    body: Mask,
+    size: F64,
+    factors: Sequence[complex],
+    times: Sequence[float],
+    clear: bool = True,
+) -> tuple[F64, F64, F64, F64, F64, tuple[str, ...]]:
+    """Water, fat, R2* [1/s], phase and misfit, shape `(nvoxel,)` each, and doubts.
+
+    - `clear`: whether the echoes decide the sign of their phases; otherwise the skin has to
+    """
+    pairs = list(combinations(range(len(times)), 2))
     worth = [_averages((factors[i], factors[j])) for i, j in pairs]
     gap = [abs(times[j] - times[i]) for i, j in pairs]
     # of nearly equally good pairs the one with the shortest gap first: it admits the fewest turns
     order = sorted(range(len(pairs)), key=lambda n: (worth[n] < 0.8 * max(worth), gap[n]))
-    size, signal = np.asarray(spacing, float), _inside(echoes, body)
     found, doubt = [], ""
     for n in order[:_PAIRS_TRIED]:
         i, j = pairs[n]
@@ -181,11 +214,11 @@ def separate_many(
         np.take_along_axis(values, pick, axis=0)[0] for values in (water, fat, decay, phase, misfit)
     )
     doubts = (
-        "" if sure[piece].mean() > 1.0 - _SMALL else doubt,
+        "" if clear and sure[piece].mean() > 1.0 - _SMALL else doubt,
         _misfit_doubt(misfit),
         _times_doubt(factors),
     )
-    return _found(water, fat, phase, body, doubts, decay)
+    return water, fat, decay, phase, misfit, doubts
 
 
 def separate(

@@ -11,13 +11,19 @@ from scipy.spatial.distance import cdist
 from myork.errors import InputError
 from myork.imaging.geometry import depth_in_slices, seed_voxel
 from myork.records import Image, Labels
+from myork.segmentation.channels import noise_level
 from myork.segmentation.level_sets import Regions, wanted_phase
+from myork.segmentation.regions import doubt_of_mixture, whole_voxels
 from myork.segmentation.walk import heights_of, random_walk
 from myork.types import F64, I32, Mask
 
 # Muscle is less deep than this part of the depth of the other phase where phases are exchanged:
 # 0.3 in water images of limbs, from 0.85 (lean limbs with marrow) to 5 where fat is bright
 _SHALLOW = 0.4
+# Part of the wanted phase that touches the other one in no slice: noise split by its mean has 0.02,
+# phases that differ by twice the noise 0.3, cortex taken for muscle 0.35 or less, right ones 0.49;
+# part of the region that is too small for muscle, but not for cortex
+_WHOLE, _SHARE = 0.45, 0.1
 #: Name of the seed label for voxels that belong to no tissue
 BACKGROUND = "background"
 # Its number while the others are separated
@@ -189,6 +195,31 @@ def doubt_of_depth(labels: Labels, body: Mask, phase: str) -> str:
     return (
         f"the {phase} phase, labelled muscle, lies {own:.0f} mm under the skin (median), the other "
         f"one {deep:.0f} mm, as if it were fat: check whether image.phase should be '{other}'"
+    )
+
+
+def doubt_of_separation(wanted: Mask, other: Mask, grey: F64, phase: str) -> str:
+    """Doubt if noise or cortex was separated in place of muscle, or fat contains muscle.
+
+    - `wanted`, `other`: voxels of the phase taken for muscle and of the other one, shape
+      `(ni, nj, nk)`
+    - `grey`: grey values, same shape [-]
+    """
+    if not (wanted.any() and other.any()):
+        return ""
+    whole = whole_voxels(wanted).sum() / wanted.sum()
+    share = wanted.sum() / (wanted | other).sum()
+    if whole >= _WHOLE and share >= _SHARE:
+        mixed = doubt_of_mixture(grey, other, wanted)
+        return mixed and f"the phase that is not muscle {mixed}"
+    noise = max(noise_level(grey, wanted | other), 1e-300)
+    ratio = abs(grey[wanted].mean() - grey[other].mean()) / noise
+    return (
+        f"the {phase} phase, labelled muscle, is {100 * share:.0f} % of the region, "
+        f"{100 * whole:.0f} % of its voxels do not touch the other phase, and it differs from "
+        f"that by {ratio:.1f} times the noise: muscle and fat may be equally bright, so that "
+        "noise, bone or fat in muscle was separated; look at segmentation.png, use an image in "
+        "which they differ (image.anatomy, image.channels), or seeds (image.split = 'walk')"
     )
 
 

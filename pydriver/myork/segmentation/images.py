@@ -25,6 +25,7 @@ from myork.segmentation.grouping import (
     check_seeds,
     doubt_of_depth,
     doubt_of_phase,
+    doubt_of_separation,
     label_by_phase,
     label_by_reference,
     label_by_rules,
@@ -189,6 +190,7 @@ def segment_images(
         labels=known,
         name=image.name,
     )
+    wanted = wanted_phase(result, grey, table["phase"])
     if table["split"] != "pieces":
         progress(f"separating muscles: {table['split']}")
     fraction, seen = images.fraction(), images.whole
@@ -202,7 +204,6 @@ def segment_images(
         labels, more_doubts = label_by_rules(table, seen, result, muscles, others)
         doubts += more_doubts
         if table["regions"] == 2:
-            wanted = wanted_phase(result, grey, table["phase"])
             doubts.append(doubt_of_phase(labels, wanted, table["phase"]))
     else:
         labels = label_by_phase(table, image, grey, result)
@@ -213,6 +214,9 @@ def segment_images(
             f"{image.name}: the segmentation is empty, no voxel got a label; check whether "
             "image.reference or the seeds of [[muscle]] lie in the body"
         )
+    if table["regions"] == 2 and table["split"] != "walk":
+        other = (result.region >= 0) & ~wanted
+        doubts.append(doubt_of_separation(wanted, other, grey, table["phase"]))
     doubts += [images.doubt, record.get("doubt", ""), lost]
     if result.unrest:
         doubts.append(

@@ -21,7 +21,14 @@ from myork.records import Image, Labels
 from myork.segmentation.channels import local_means, scaled_values
 from myork.segmentation.fuzzy import bright_cluster
 from myork.segmentation.level_sets import LevelSets, segment_regions, wanted_phase
-from myork.segmentation.regions import body_mask, large_pieces, lost_part
+from myork.segmentation.regions import (
+    body_mask,
+    doubt_of_mixture,
+    large_pieces,
+    lost_part,
+    seen_slices,
+    whole_voxels,
+)
 from myork.segmentation.scores import dice
 from myork.types import F64, Mask
 
@@ -37,14 +44,21 @@ _CORTICAL, _DARK = 0.8, 0.5
 _AROUND = 15.0
 _LEAST_WHOLE = 20
 _ROUNDS = 5
-# Limits of doubts: section of a limb [mm^2]; Dice of two methods; part of a tissue that touches no
-# other (half for muscle: a tenth of the rest on the wrong side then costs a Dice of 0.05); part of
-# the body that a threshold finds beyond the level set's skin; part of the slices without a bone.
-_LIMB = 35000.0
+# Limits of doubts: section of a limb, larger only with bone and with muscles in an ellipse of this
+# area [mm^2] and ratio of axes (trunks: 30000, 1.4), and world axis along which limbs lie; Dice of
+# two methods; part of a tissue that touches no other (half for muscle: a tenth of the rest on the
+# wrong side then costs a Dice of 0.05); part of the body that a threshold finds beyond the level
+# set's skin; part of the slices without a bone.
+_LIMB, _LEAN, _ROUND = 35000.0, 25000.0, 1.35
+_UPWARD = 2
 _ALIKE = 0.93
 _WHOLE = (0.36, 0.5)
 _RIM = 0.018
 _BONELESS = 0.1
+# A single bone of a section is one of two if it is this close to the skin relative to the greatest
+# depth (tibia 0.1 to 0.4, femur 0.7), except at knees, where bone has more than the second part of
+# the section.
+_NEAR, _SMALL = 0.55, 0.25
 # The bright cluster of the special sequence is connective tissue only if it is brighter than the
 # other by this factor; without connective tissue, the two would be muscle and fat.
 _STANDS_OUT = 2.5
@@ -122,7 +136,7 @@ def leg_tissues(
             "not found (name the limb in image.body), or fat is not bright in this image"
         )
     fat_inside = _drawn_anew(shown.data, more, inside, fatty, anatomy.spacing)
-    doubts = _doubts(shown, body, inside, fat_inside)
+    doubts = _doubts(shown, body, inside, fat_inside, bone)
     if found_body:
         doubts += _beyond(anatomy, body) + _boneless(anatomy, body, bone)
         doubts += [text for text in [lost_part(anatomy, body)] if text]
@@ -150,7 +164,7 @@ def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing
     """Fat with its border to muscle placed at half of their difference around each place."""
     fat = fat & inner
     for _ in range(_ROUNDS):
-        whole = [_whole(fat), _whole(inner & ~fat)]
+        whole = [whole_voxels(fat), whole_voxels(inner & ~fat)]
         # voxels without signal are not muscle
         whole[1] &= shown > _DARK * np.median(shown[inner & ~fat])
         if min(one.sum() for one in whole) < _LEAST_WHOLE:
@@ -166,7 +180,7 @@ def _drawn_anew(shown: F64, more: Sequence[F64], inner: Mask, fat: Mask, spacing
 
 def _shaded_apart(image: Image, soft: Mask, sheets: Mask, fat: Mask) -> Mask:
     """Connective tissue by its signal relative to muscle nearby: shading is a factor of both."""
-    muscle, data = _whole(soft & ~sheets & ~fat), image.data
+    muscle, data = whole_voxels(soft & ~sheets & ~fat), image.data
     if min(muscle.sum(), sheets.sum()) < _LEAST_WHOLE:
         return sheets
     low = _around(data, muscle, image.spacing)
@@ -187,36 +201,41 @@ def _best_part(shown: F64, more: Sequence[F64], fat: Mask, muscle: Mask) -> F64:
     return np.asarray(images @ weights)
 
 
-def _whole(tissue: Mask) -> Mask:
-    """Voxels that touch no other tissue in their slice."""
-    return np.asarray(ndimage.binary_erosion(tissue, np.ones((3, 3, 1))))
-
-
 def _around(values: F64, where: Mask, spacing: F64) -> F64:
     """Mean of the values of some voxels around each place in its slice."""
     return local_means(values, where, (*(_AROUND / spacing[:2]), 0.0), 1e-3)
 
 
-def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask) -> list[str]:
+def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, bone: Mask) -> list[str]:
     """Assumptions on the border of fat and muscle that an image does not support."""
     found, muscle = [], inner & ~fat
     size, name = shown.spacing, shown.name
     pieces, n = ndimage.label(body)
     sections = ndimage.sum_labels(body, pieces, range(1, n + 1)) / body.any(axis=(0, 1)).sum()
     area = float(np.max(sections) * size[0] * size[1])
-    if area > _LIMB:
+    # thick fat makes a thigh larger, slices along a limb are longer
+    own = muscle & (pieces == 1 + int(np.argmax(sections)))
+    wide = np.ptp(np.argwhere(own), axis=0)[:2] * size[:2] if own.any() else np.zeros(2)
+    thigh = (
+        bone.any(axis=(0, 1)).all()
+        and 0.25 * np.pi * wide[0] * wide[1] < _LEAN
+        and max(wide) < _ROUND * min(wide)
+    )
+    if area > _LIMB and not thigh and np.abs(shown.affine[:3, 2]).argmax() == _UPWARD:
         found.append(
             f"the section has {area / 100:.0f} cm^2, more than a limb: organs have the grey "
             "value of muscle and are labelled as muscle; limit it by image.body"
         )
     for label, own, least in zip(("fat", "muscle"), (fat, muscle), _WHOLE, strict=True):
-        part = _whole(own).sum() / max(own.sum(), 1)
+        part = whole_voxels(own).sum() / max(own.sum(), 1)
         if part < least:
             found.append(
                 f"only {100 * part:.0f} % of the voxels of {label} have no other tissue beside "
                 "them: its volume depends on where borders are drawn; use finer voxels or "
                 "image.partial"
             )
+    if mixed := doubt_of_mixture(shown.data, fat, muscle):
+        found.append(f"fat {mixed}")
     other = _phase(shown, inner, "bright")
     alike = min(dice(other, fat), dice(inner & ~other, muscle))
     if alike < _ALIKE:
@@ -246,21 +265,41 @@ def _beyond(anatomy: Image, body: Mask) -> list[str]:
 
 
 def _boneless(anatomy: Image, body: Mask, bone: Mask) -> list[str]:
-    """Warning where slices of a limb have no bone."""
+    """Warnings where slices of a limb have no bone, or one of two."""
     slices, without = body.any(axis=(0, 1)), body.any(axis=(0, 1)) & ~bone.any(axis=(0, 1))
-    if without.sum() <= _BONELESS * slices.sum():
-        return []
+    alone = _alone(body, bone, anatomy.spacing)
+    said = (
+        (without, "no bone was found in {}: its wall"),
+        (alone, "one bone, close to the skin, was found in {}, as in a lower leg or forearm whose "
+         "second bone has a wall thinner than a pixel: that wall"),
+    )  # fmt: skip
     return [
-        f"tissue of {anatomy.name}: no bone was found in {without.sum()} of {slices.sum()} slices: "
-        "its wall and marrow are then labelled muscle and fat; exclude it with image.body"
+        f"tissue of {anatomy.name}: "
+        + text.format(f"{found.sum()} of {slices.sum()} slices")
+        + " and marrow are then labelled muscle and fat; exclude it with image.body"
+        for found, text in said
+        if found.sum() > _BONELESS * slices.sum()
     ]
+
+
+def _alone(body: Mask, bone: Mask, size: F64) -> Mask:
+    """Slices in which a limb has a single, small bone close to the skin, shape `(nk,)`."""
+    depth, found = _depth(body, size[:2]), np.zeros(body.shape[2], bool)
+    for k in np.flatnonzero(bone.any(axis=(0, 1))):
+        limbs, n = ndimage.label(body[:, :, k])
+        for limb in (limbs == number for number in range(1, n + 1)):
+            own, deep = bone[:, :, k] & limb, depth[:, :, k]
+            if ndimage.label(own)[1] == 1 and own.sum() < _SMALL * limb.sum():
+                found[k] |= bool(deep[own].min() < _NEAR * deep[limb].max())
+    return found
 
 
 def outer_boundary(anatomy: Image) -> Mask:
     """Voxels inside the skin: the bright phase of the whole image with its holes filled."""
     # in square roots muscle is closer to fat than to air
     even = replace(anatomy, data=np.sqrt(np.maximum(anatomy.data, 0.0)))
-    inside = _phase(even, np.ones(anatomy.data.shape, bool), "bright")
+    seen = np.broadcast_to(seen_slices(anatomy.data), anatomy.data.shape)
+    inside = _phase(even, seen, "bright")
     slices = np.moveaxis(inside, -1, 0)
     body = np.stack([ndimage.binary_fill_holes(section) for section in slices], axis=-1)
     return large_pieces(body, anatomy.name)

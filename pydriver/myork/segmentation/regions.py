@@ -9,7 +9,7 @@ from scipy import ndimage
 from myork.errors import InputError
 from myork.imaging.geometry import depth_in_slices
 from myork.records import Image, Labels
-from myork.types import Mask
+from myork.types import F64, Mask
 
 # Drop connected components of the body smaller than this part of the largest.
 _LEAST_PIECE = 0.1
@@ -18,6 +18,15 @@ _LEAST_PIECE = 0.1
 # in a piece of more than this part of the body. Right images gave 0, oil tubes 0.02, ghosts 0.08,
 # arms and dark legs 0.1 and more.
 _CLEAR, _LEAST_SIGNAL, _AWAY, _LOST = 7.0, 0.05, 6, 0.04
+# A slice has only noise if its 99th percentile under a Gaussian of this many pixels is below this
+# part of that of the brightest slice, and the Gaussian leaves less than this part of the scatter
+# where it is not zero: noise keeps 0.1 (0.28 interpolated twofold), limbs at SNR 3 and more 0.4.
+_SLOW, _DIM, _LIKE_NOISE = 3.0, 0.5, 0.35
+# A tissue of this many voxels or more contains two if two classes explain more than this part of
+# the variance of its grey values (marrow in fat up to 0.84, muscle half of fat 0.89 or more) and
+# the one closer to muscle has more than this part of the muscle's size (marrow 0.05), or if it
+# scatters by this part of the difference to muscle (fat 0.2). Below the last part it is uniform.
+_ENOUGH, _TWO, _PARTLY, _MIXED, _EVEN = 20, 0.86, 0.07, 0.22, 0.01
 # Bright spots of an image stay below this many times its 99th percentile.
 _OUTLIER = 1e6
 
@@ -61,13 +70,57 @@ def body_mask(image: Image, rim: float = 2.0) -> Mask:
         )
     smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
     full = np.zeros(smooth.shape, dtype=bool)
-    for k in range(full.shape[2]):
+    for k in np.flatnonzero(seen_slices(image.data)):
         section = smooth[:, :, k]
         if np.ptp(section) > 0:
             air = min(float(section.min()), 0.0)
             bright = section > air + (otsu(section) - air) / 3.0
             full[:, :, k] = ndimage.binary_fill_holes(bright)
     return large_pieces(depth_in_slices(full) > rim, image.name)
+
+
+def seen_slices(data: F64) -> Mask:
+    """Slices with more than noise, shape `(nk,)`; ends of a stack may lie beyond a limb."""
+    slow = ndimage.gaussian_filter(data, (_SLOW, _SLOW, 0.0))
+    peak = np.percentile(slow, 99.0, axis=(0, 1))
+    seen = peak >= _DIM * peak.max()
+    for k in np.flatnonzero(~seen & (peak > 0)):
+        there = data[:, :, k] != 0  # zeros were set, not measured
+        share = ndimage.gaussian_filter(there.astype(float), _SLOW)[there]
+        kept = np.std(slow[:, :, k][there] / share)
+        seen[k] = kept > _LIKE_NOISE * np.std(data[:, :, k][there])
+    return np.asarray(seen, np.bool_)
+
+
+def whole_voxels(tissue: Mask) -> Mask:
+    """Voxels that touch no other tissue in their slice."""
+    return np.asarray(ndimage.binary_erosion(tissue, np.ones((3, 3, 1))))
+
+
+def doubt_of_mixture(values: F64, tissue: Mask, muscle: Mask) -> str:
+    """Doubt if a tissue contains a second one that is closer to muscle in grey value; else empty.
+
+    - `values`: grey values, shape `(ni, nj, nk)`
+    - `tissue`, `muscle`: their voxels, same shape
+    """
+    inside = ndimage.uniform_filter(values, (3, 3, 1))[whole_voxels(tissue)]
+    if inside.size < _ENOUGH or not muscle.any():
+        return ""
+    away = np.abs(inside - values[muscle].mean())
+    if away.std() < _EVEN * away.mean():
+        return ""
+    far = away > otsu(away)
+    near = float((~far).sum() / muscle.sum())
+    between = far.mean() * (~far).mean() * (away[far].mean() - away[~far].mean()) ** 2
+    two = between > _TWO * away.var() and near > _PARTLY
+    if not two and away.std() < _MIXED * away.mean():
+        return ""
+    return (
+        f"contains two tissues: a part, {100 * near:.0f} % of the size of muscle, is closer to "
+        "muscle in grey value. It may be muscle infiltrated by fat, which is then missing from the "
+        "volume of muscle; compare the labels with the image, and label such muscle by seeds "
+        "(image.split = 'walk')"
+    )
 
 
 def large_pieces(mask: Mask, name: str) -> Mask:
@@ -83,6 +136,7 @@ def lost_part(image: Image, body: Mask) -> str:
     """A warning if there is signal beyond a body that was found by its brightness; else empty."""
     smooth = ndimage.gaussian_filter(image.data, (1.0, 1.0, 0.0))
     beyond = ~ndimage.binary_dilation(body, np.ones((3, 3, 1)), iterations=_AWAY)
+    beyond &= seen_slices(image.data)
     # low percentiles: most of what lies beyond may be a lost part; zeros were set, not measured
     air = smooth[beyond & (image.data != 0)]
     if not air.size:
