@@ -14,6 +14,7 @@ static void check_materials(Deck &deck) {
    const bool regions = std::any_of(materials.begin(), materials.end(), [](Section *material) {
       return material->given("where");
    });
+   const bool labelled = deck.word("geometry", "kind") == "model";
    for (Section *material : materials) {
       const Value *label = material->find("label");
       const bool where = material->given("where");
@@ -23,9 +24,9 @@ static void check_materials(Deck &deck) {
       if (regions && material != materials.front() && !where)
          deck.refuse(*material, "where",
                      "missing: only the first material may omit it and fill the rest");
-      if (!regions && materials.size() > 1 && !material->given("label"))
-         deck.refuse(*material, deck.word("geometry", "kind") == "model" ? "label" : "where",
-                     "missing: it says which part of the body each of several materials fills");
+      if (!regions && materials.size() > 1 && !label && (labelled || material != materials.front()))
+         deck.refuse(*material, labelled ? "label" : "where",
+                     "missing: it says which part of the body this one of several materials fills");
    }
 }
 

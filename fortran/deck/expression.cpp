@@ -89,7 +89,7 @@ static std::string first_fault(const std::string &text) {
 // Fault found by a parser, with the known names if it met an unknown one
 static std::string parser_fault(const mu::Parser::exception_type &fault, const std::string &known_words) {
    const bool unknown = fault.GetCode() == mu::ecUNASSIGNABLE_TOKEN;
-   const std::string power = fault.GetExpr().find("**") == std::string::npos ? "" : " A power is written ^.";
+   const std::string power = fault.GetExpr().find("**") == std::string::npos ? "" : "; a power is written ^";
    return "is not an expression: " + fault.GetMsg() + power + (unknown ? " Names are " + known_words : "");
 }
 

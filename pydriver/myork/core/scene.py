@@ -71,7 +71,9 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         progress: Callable[[str], None] | None = None,
     ) -> None:
         if isinstance(path, Mapping):
-            raise InputError("Scene opens the file of a deck: use Scene.from_tables for its tables")
+            raise errors.InputError(
+                "Scene opens the file of a deck: use Scene.from_tables for its tables"
+            )
         deck = load_deck(path, overrides, "solve")
         self._hold("", overrides, model_of(deck, Path(path).parent, out), threads)
         self._open(deck, overrides, progress)
