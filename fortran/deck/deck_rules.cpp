@@ -24,7 +24,8 @@ static void check_materials(Deck &deck) {
       if (regions && material != materials.front() && !where)
          deck.refuse(*material, "where",
                      "missing: only the first material may omit it and fill the rest");
-      if (!regions && materials.size() > 1 && !label && (labelled || material != materials.front()))
+      if (!regions && materials.size() > 1 && !material->given("label") &&
+          (labelled || material != materials.front()))
          deck.refuse(*material, labelled ? "label" : "where",
                      "missing: it says which part of the body this one of several materials fills");
    }

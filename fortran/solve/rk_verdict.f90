@@ -222,11 +222,11 @@ subroutine warn_of_moduli(problem, outcome, receiver)
    if (problem%linear) return
    do k = 1, size(problem%scene%tissue)
       associate (material => problem%scene%tissue(k)%material)
-         if (3.0_wp*material%bulk >= 2.0_wp*material%shear) cycle
+         if (3.0_wp*material%bulk >= material%shear) cycle
          call outcome%warn('material '//problem%scene%tissue(k)%name//': K = ' &
-            & //to_text(material%bulk)//' is less than two thirds of the shear modulus, ' &
-            & //to_text(material%shear)//', so that it widens when it is pulled: check the ' &
-            & //'unit of K', receiver)
+            & //to_text(material%bulk)//' is less than a third of the shear modulus, ' &
+            & //to_text(material%shear)//', so that the material widens when it is pulled: ' &
+            & //'check the unit of K', receiver)
       end associate
    end do
 end subroutine warn_of_moduli

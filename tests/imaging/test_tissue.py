@@ -166,16 +166,6 @@ def test_fat_between_muscles_is_fat_without_a_doubt():
     assert not leg_tissues(image, body=disc(45.0)).doubts
 
 
-@pytest.mark.parametrize(("pixel", "bones"), [(1.0, 2), (2.0, 1)])
-def test_a_fibula_that_pixels_do_not_resolve_is_noticed(pixel, bones):
-    """A thin calf: the wall of its fibula is 1.4 mm thick."""
-    count = int(100 / pixel)
-    calf = make_phantom((count, count, 3), (pixel, pixel, 6.0), bias=0.0, scale=0.8)
-    found = leg_tissues(calf.anatomy)
-    assert ndimage.label(found.labels.data[..., 1] == 4)[1] == bones
-    assert ("one bone, close to the skin, was found in 3 of 3" in str(found.doubts)) == (bones < 2)
-
-
 def test_bone_of_images_of_water_and_fat():
     """Their sum shows fat and muscle alike; the weak signal of cortex is mostly noise."""
     whole, clean = limb(muscle=1.0)[0], limb(muscle=0.05, noise=0.0)[0].data

@@ -386,7 +386,7 @@ def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
     with Scene.from_tables(scenes.pushed(-300, **few)) as body:
         said = refuses("last converged load 0.5", body.solve, error=False, kind=ConvergenceError)
     assert "the branch is lost" not in said
-    assert said.endswith("; use more load.steps or points, or less load")
+    assert said.endswith("; use more load.steps or points, or reduce the load")
 
 
 def test_a_branch_that_is_lost_ends_the_halving() -> None:

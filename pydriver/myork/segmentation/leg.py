@@ -55,10 +55,6 @@ _ALIKE = 0.93
 _WHOLE = (0.36, 0.5)
 _RIM = 0.018
 _BONELESS = 0.1
-# A single bone of a section is one of two if it is this close to the skin relative to the greatest
-# depth (tibia 0.1 to 0.4, femur 0.7), except at knees, where bone has more than the second part of
-# the section.
-_NEAR, _SMALL = 0.55, 0.25
 # The bright cluster of the special sequence is connective tissue only if it is brighter than the
 # other by this factor; without connective tissue, the two would be muscle and fat.
 _STANDS_OUT = 2.5
@@ -265,33 +261,14 @@ def _beyond(anatomy: Image, body: Mask) -> list[str]:
 
 
 def _boneless(anatomy: Image, body: Mask, bone: Mask) -> list[str]:
-    """Warnings where slices of a limb have no bone, or one of two."""
+    """Warning where slices of a limb have no bone."""
     slices, without = body.any(axis=(0, 1)), body.any(axis=(0, 1)) & ~bone.any(axis=(0, 1))
-    alone = _alone(body, bone, anatomy.spacing)
-    said = (
-        (without, "no bone was found in {}: its wall"),
-        (alone, "one bone, close to the skin, was found in {}, as in a lower leg or forearm whose "
-         "second bone has a wall thinner than a pixel: that wall"),
-    )  # fmt: skip
+    if without.sum() <= _BONELESS * slices.sum():
+        return []
     return [
-        f"tissue of {anatomy.name}: "
-        + text.format(f"{found.sum()} of {slices.sum()} slices")
-        + " and marrow are then labelled muscle and fat; exclude it with image.body"
-        for found, text in said
-        if found.sum() > _BONELESS * slices.sum()
+        f"tissue of {anatomy.name}: no bone was found in {without.sum()} of {slices.sum()} slices: "
+        "its wall and marrow are then labelled muscle and fat; exclude it with image.body"
     ]
-
-
-def _alone(body: Mask, bone: Mask, size: F64) -> Mask:
-    """Slices in which a limb has a single, small bone close to the skin, shape `(nk,)`."""
-    depth, found = _depth(body, size[:2]), np.zeros(body.shape[2], bool)
-    for k in np.flatnonzero(bone.any(axis=(0, 1))):
-        limbs, n = ndimage.label(body[:, :, k])
-        for limb in (limbs == number for number in range(1, n + 1)):
-            own, deep = bone[:, :, k] & limb, depth[:, :, k]
-            if ndimage.label(own)[1] == 1 and own.sum() < _SMALL * limb.sum():
-                found[k] |= bool(deep[own].min() < _NEAR * deep[limb].max())
-    return found
 
 
 def outer_boundary(anatomy: Image) -> Mask:
