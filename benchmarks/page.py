@@ -72,18 +72,22 @@ def draw_curves(plots: Sequence[Mapping[str, Any]]) -> Figure:
     """
     drawing = Figure(figsize=(5.0 + 5.0 * len(plots), 5.0), layout="constrained")
     curves = [curve for plot in plots for curve in plot["series"]]
-    own = list(dict.fromkeys(c["name"] for c in curves if not c.get("rival", False)))
+    own, rivals = (
+        list(dict.fromkeys(c["name"] for c in curves if c.get("rival", False) == one))
+        for one in (False, True)
+    )
     shown = {}
     for axes, plot in zip(drawing.subplots(1, len(plots), squeeze=False)[0], plots, strict=True):
         for curve in plot["series"]:
             rival = curve.get("rival", False)
-            k = len(own) if rival else own.index(curve["name"])
+            k = (rivals if rival else own).index(curve["name"])
             (shown[curve["name"]],) = axes.plot(
                 curve["x"],
                 curve["y"],
                 color=_RIVAL if rival else COLOURS[k % len(COLOURS)],
-                marker="*" if rival else MARKERS[k % len(MARKERS)],
-                markersize=9 if rival else 5.5,
+                marker=MARKERS[k % len(MARKERS)],
+                markersize=5.5,
+                markerfacecolor="none" if rival else None,
                 linestyle="--" if rival or k >= len(COLOURS) else "-",
                 linewidth=1.6,
             )

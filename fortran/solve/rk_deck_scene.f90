@@ -84,13 +84,16 @@ subroutine check_size(deck, model, error)
    type(cloud_type), intent(in) :: model
    type(error_type), allocatable, intent(out) :: error
    type(estimate_type) :: estimate
+   character(len=:), allocatable :: less
 
    estimate = estimate_cost(deck, model)
    if (estimate%bytes < available_bytes()) return
+   less = ''
+   if (estimate%solver == 'direct') less = ', or galerkin.direct_limit = 0'
+   if (any(estimate%solver == ['dgels ', 'dgelsy', 'spqr  '])) less = ', or solver "refined"'
    call deck%complain('geometry', 'the model needs about '//to_text(1.0e-9_wp*estimate%bytes, 3) &
       & //' GB with solver "'//estimate%solver//'", '//to_text(1.0e-9_wp*available_bytes(), 3) &
-      & //' GB are free: use fewer source points; galerkin.direct_limit = 0 or, of collocation, ' &
-      & //'solver "refined" need less', error)
+      & //' GB are free: use fewer source points'//less, error)
    error%code = err_memory
 end subroutine check_size
 

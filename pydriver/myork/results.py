@@ -285,8 +285,8 @@ class Results(AbstractContextManager["Results"]):
         names = {key for step in steps for key in step.get("probes", {})}
         if name not in names:
             raise InputError(
-                f"{self.path.parent / 'summary.json'}: no probe {name!r}; "
-                f"its probes: {', '.join(sorted(names)) or 'none'}"
+                f"{self.path.parent / 'summary.json'}: no probe {name!r}; its probes: "
+                f"{', '.join(sorted(names)) or 'none, the run ended before it had an answer'}"
             )
         rows = [(step["load"], step["probes"][name]) for step in steps if name in step["probes"]]
         return (
