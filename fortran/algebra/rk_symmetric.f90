@@ -105,6 +105,10 @@ module rk_symmetric
    !> Maximum number of refinement solves, and relative error of the solution that may remain [-]
    integer, parameter :: passes = 4
    real(wp), parameter :: same = 1.0e-6_wp
+   !> Maximum number of iterations with a skew part, and the step that ends them, relative to the
+   !> first one in the norm of the symmetric part: rounding leaves less [-]
+   integer, parameter :: most_skew = 100
+   real(wp), parameter :: of_skew = 1.0e-8_wp
 
 contains
 
@@ -487,6 +491,8 @@ subroutine solve_with(self, given, b, x, report, error)
       & //'definite'
    if (allocated(self%skew)) then
       report%why = 'the tangent has the skew part of a pressure whose surface has a free rim: LU'
+      if (.not. self%indefinite) call solve_skew(self, given, b, x, report, found)
+      if (found) return
    else if (self%indefinite) then
       report%why = 'the tangent has pressures as unknowns and is not definite: LU'
    end if
@@ -519,6 +525,59 @@ subroutine solve_with(self, given, b, x, report, error)
    norm = sqrt(sum(given**2))
    report%backward_error = norm2(r - b)/max(norm*norm2(x) + norm2(b), tiny(1.0_wp))
 end subroutine solve_with
+
+!> Solve a system with a skew part by the Cholesky factor of its symmetric part S. In the norm of S
+!> the skew part is normal, and three terms give the Galerkin solution in a Krylov space (Widlund
+!> 1978, doi:10.1137/0715053).
+subroutine solve_skew(self, given, b, x, report, found)
+   type(symmetric_matrix), target, intent(in) :: self
+   real(wp), contiguous, target, intent(in) :: given(:)
+   !> Right hand side, shape (n)
+   real(wp), contiguous, intent(in) :: b(:)
+   !> Solution where it was found, shape (n)
+   real(wp), contiguous, intent(inout) :: x(:)
+   type(square_report), intent(inout) :: report
+   !> Whether a solution was found: false if S is not positive definite, or after too many steps
+   logical, intent(out) :: found
+   type(error_type), allocatable :: error
+   real(wp), dimension(self%n) :: before, next, left, step, image
+   real(wp) :: energy, first, last, share
+   integer :: k
+
+   found = .false.
+   x = 0.0_wp
+   before = 0.0_wp
+   left = b
+   share = 1.0_wp
+   last = 0.0_wp
+   call solve_sparse(self%kept, self%n, self%start, self%rows(), given, .true., error, b, step, &
+      & report%rcond)
+   if (allocated(error)) return
+   do k = 1, most_skew
+      if (k > 1) then
+         step = left
+         call self%kept%solve(step)
+      end if
+      energy = dot_product(step, left)
+      if (k == 1) first = energy
+      found = energy <= of_skew**2*first
+      if (found) exit
+      if (k > 1) share = 1.0_wp/(1.0_wp + energy/(last*share))
+      last = energy
+      next = before + share*(step + x - before)
+      before = x
+      x = next
+      call self%product(given, x, image)
+      call self%add_skew(1.0_wp, x, image)
+      left = b - image
+   end do
+   report%used = 'cgw'
+   report%why = 'the tangent has the skew part of a pressure whose surface has a free rim: ' &
+      & //'generalised conjugate gradients with the Cholesky factor of its symmetric part'
+   report%iterations = k - 1
+   report%backward_error = norm2(left)/max(sqrt(sum(given**2))*norm2(x) + norm2(b), &
+      & tiny(1.0_wp))
+end subroutine solve_skew
 
 !> Solve a large system by minimal residuals with a single precision factor: the last one, or one of
 !> this matrix, if necessary with a larger diagonal

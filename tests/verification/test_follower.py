@@ -57,7 +57,7 @@ def test_newton_converges_quadratically_with_a_free_rim(method, tmp_path):
     run_deck(pressed({"pressure": 2}, method, load={"steps": 1}), tmp_path, error=False)
     rows = history(tmp_path)
     size = np.array([float(row["step_norm"]) for row in rows])
-    assert len(size) <= 8 and {row["solver"] for row in rows} == {"lu"}
+    assert len(size) <= 8 and rows[-1]["solver"] == "cgw"
     contraction = np.log(size[1:] / size[:-1])
     assert max(contraction[-2:] / contraction[-3:-1]) > 1.7
 
