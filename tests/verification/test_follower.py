@@ -58,7 +58,7 @@ def test_newton_converges_quadratically_with_a_free_rim(method, tmp_path):
     rows = history(tmp_path)
     size = np.array([float(row["step_norm"]) for row in rows])
     # LU where the symmetric part of the tangent is not positive definite
-    assert len(size) <= 8 and {"cgw"} < {row["solver"] for row in rows} | {"lu"} == {"cgw", "lu"}
+    assert len(size) <= 8 and {row["solver"] for row in rows} == {"cgw", "lu"}
     contraction = np.log(size[1:] / size[:-1])
     assert max(contraction[-2:] / contraction[-3:-1]) > 1.7
 
