@@ -571,6 +571,7 @@ subroutine solve_skew(self, given, b, x, report, found)
       call self%add_skew(1.0_wp, x, image)
       left = b - image
    end do
+   if (.not. found) return
    report%used = 'cgw'
    report%why = 'the tangent has the skew part of a pressure whose surface has a free rim: ' &
       & //'generalised conjugate gradients with the Cholesky factor of its symmetric part'
