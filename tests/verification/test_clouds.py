@@ -151,7 +151,7 @@ def test_an_island_that_nothing_holds() -> None:
     data = np.ones((4, 4, 10))
     data[:, :, 5] = 0
     tables = scenes.scene("rkpm-scni", {}, material=[RUBBER], boundary=[scenes.held("bottom")])
-    assert "island" in scenes.refused(tables, scenes.voxels(data))
+    assert "not connected to the rest" in scenes.refused(tables, scenes.voxels(data))
 
 
 def test_more_than_any_memory_holds_is_refused() -> None:

@@ -277,7 +277,7 @@ def pulled(*material: dict[str, Any]) -> dict[str, Any]:
          "set pad: it contains 1 boundary points, but none of the"))),
     # position of each material
     (pulled(CORK | {"where": "x < 0.5"}), "material.cork.where: no material is given at"),
-    (pulled(CORK, OAK), "material.cork.label: missing"),
+    (pulled(CORK, OAK), "material.oak.where: missing"),
     (pulled(CORK, OAK | {"where": "x > 2"}), "material.oak.where: no point lies there"),
     (pulled(CORK, OAK | {"where": "x > q"}), "material.oak.where: 'x > q' is not an expressio"),
     (pulled(CORK | {"where": "x < 1"}, OAK), "material.oak.where: missing: only the first"),
