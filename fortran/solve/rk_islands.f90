@@ -69,11 +69,11 @@ subroutine check_islands(shape, link, place, point, supported, error)
             & //' free to '//motions//'; prescribe components that prevent it, as on a ' &
             & //'symmetry plane')
       else
-         where_ = 'the body'
+         where_ = 'the body, which can move freely: hold it by a boundary set'
          if (members < size(place, 2)) where_ = 'the '//to_text(members)//' points around ' &
-            & //to_text(place(:, ip))//', which are not connected to the rest'
-         call fatal_error(error, err_input, 'no displacement is prescribed on '//where_ &
-            & //', so that it can move freely: fix a set of it, or leave it out of the model')
+            & //to_text(place(:, ip))//', which are not connected to the rest and can move ' &
+            & //'freely: hold them by a boundary set, or leave them out of the model'
+         call fatal_error(error, err_input, 'no displacement is prescribed on '//where_)
       end if
       return
    end do
