@@ -531,6 +531,7 @@ end subroutine solve_with
 !> 1978, doi:10.1137/0715053).
 subroutine solve_skew(self, given, b, x, report, found)
    type(symmetric_matrix), target, intent(in) :: self
+   !> Entries of S
    real(wp), contiguous, target, intent(in) :: given(:)
    !> Right hand side, shape (n)
    real(wp), contiguous, intent(in) :: b(:)
@@ -540,7 +541,7 @@ subroutine solve_skew(self, given, b, x, report, found)
    !> Whether a solution was found: false if S is not positive definite, or after too many steps
    logical, intent(out) :: found
    type(error_type), allocatable :: error
-   real(wp), dimension(self%n) :: before, next, left, step, image
+   real(wp), dimension(self%n) :: before, next, left, step
    real(wp) :: energy, first, last, share
    integer :: k
 
@@ -567,9 +568,9 @@ subroutine solve_skew(self, given, b, x, report, found)
       next = before + share*(step + x - before)
       before = x
       x = next
-      call self%product(given, x, image)
-      call self%add_skew(1.0_wp, x, image)
-      left = b - image
+      call self%product(given, x, left)
+      call self%add_skew(1.0_wp, x, left)
+      left = b - left
    end do
    if (.not. found) return
    report%used = 'cgw'

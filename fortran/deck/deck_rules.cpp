@@ -21,13 +21,12 @@ static void check_materials(Deck &deck) {
       if (regions && label)
          deck.refuse(*material, "label",
                      "cannot be given where materials are placed by `where`: only a model has labels");
-      if (regions && material != materials.front() && !where)
+      const bool given = material->given("label"), alone = materials.size() == 1;
+      if ((regions || !(labelled || alone || given)) && material != materials.front() && !where)
          deck.refuse(*material, "where",
                      "missing: only the first material may omit it and fill the rest");
-      if (!regions && materials.size() > 1 && !material->given("label") &&
-          (labelled || material != materials.front()))
-         deck.refuse(*material, labelled ? "label" : "where",
-                     "missing: it says which part of the body this one of several materials fills");
+      if (!regions && labelled && !alone && !given)
+         deck.refuse(*material, "label", "missing: an integer is needed where there are several materials");
    }
 }
 

@@ -212,7 +212,7 @@ subroutine warn_of_units(deck, outcome, receiver)
    end do
 end subroutine warn_of_units
 
-!> Warn of a bulk modulus so small that Poisson's ratio is negative, as with K in another unit
+!> Warn of a bulk modulus with which Poisson's ratio is below -1/4, as with K in another unit
 subroutine warn_of_moduli(problem, outcome, receiver)
    class(discretisation_type), intent(in) :: problem
    type(outcome_type), intent(inout) :: outcome
@@ -441,7 +441,7 @@ subroutine describe_broken(problem, outcome, text)
    if (.not. outcome%min_j > 0.0_wp) text = 'the volume ratio falls to ' &
       & //to_text(outcome%min_j, 2)//': the material is inverted'
    call get_extent(problem, outcome%broken, extent)
-   text = text//extent//'; values there mean nothing: use more points there'
+   text = text//extent//'; values there are meaningless: use more points there'
 end subroutine describe_broken
 
 !> Gaps of the body that shape functions bridge

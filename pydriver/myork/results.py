@@ -286,7 +286,8 @@ class Results(AbstractContextManager["Results"]):
         if name not in names:
             raise InputError(
                 f"{self.path.parent / 'summary.json'}: no probe {name!r}; its probes: "
-                f"{', '.join(sorted(names)) or 'none, the run ended before it had an answer'}"
+                f"{', '.join(sorted(names)) or 'none'}"
+                f"{'' if steps else '; the run ended before it had an answer'}"
             )
         rows = [(step["load"], step["probes"][name]) for step in steps if name in step["probes"]]
         return (

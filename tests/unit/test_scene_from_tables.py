@@ -84,6 +84,12 @@ def test_a_dict_gets_the_message_of_the_deck(wrong: dict, tmp_path: Path) -> Non
 def test_what_no_deck_can_hold(tables: dict, message: str) -> None:
     assert refused({**CUBE, **tables}) == f"tables: {message}"
     refuses("a deck must be tables or a text, not NoneType", Scene.from_tables, None)
+    refuses("use Scene.from_tables for its tables", Scene, CUBE)
+    refuses("'cube.toml' is the name of a deck", Scene.from_tables, "cube.toml")
+    for words in ("load.steps=2", {"load.steps": 2}):
+        refuses("overrides must be a list of texts", run_deck, CUBE, "out", overrides=words)
+    with Scene.from_tables(CUBE) as cube:
+        refuses("start must be finite", cube.solve, start=np.full(cube.dofs, np.nan))
 
 
 def test_fibers_of_a_deck_are_those_of_its_points() -> None:
@@ -249,7 +255,7 @@ def test_a_body_that_nothing_holds(write_deck: Write) -> None:
     assert "no displacement is prescribed on the body" in line and "can move freely" in line
     # points on the surface count as inside
     path = write_deck(MARKED)
-    for point in ("[0,0,0]", "[1,1,2]", "[1,0,2.000000001]"):
+    for point in ("[0,0,0]", "[1,1,2]", "[1,0,2.000000001]", "[1,0,2.0000015]"):
         Scene(path, [f"probe.mid.point={point}"]).close()
 
 

@@ -280,6 +280,7 @@ def pulled(*material: dict[str, Any]) -> dict[str, Any]:
     (pulled(CORK, OAK), "material.oak.where: missing"),
     (pulled(CORK, OAK | {"where": "x > 2"}), "material.oak.where: no point lies there"),
     (pulled(CORK, OAK | {"where": "x > q"}), "material.oak.where: 'x > q' is not an expressio"),
+    (pulled(CORK, OAK | {"where": "x**2 > 1"}), "; a power is written ^"),
     (pulled(CORK | {"where": "x < 1"}, OAK), "material.oak.where: missing: only the first"),
     (pulled(CORK | {"label": 1}, OAK | {"where": "x < 1"}), "material.cork.label: cannot be given"),
 ])  # fmt: skip

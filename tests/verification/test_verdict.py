@@ -195,6 +195,14 @@ def test_foam_that_is_pressed_between_rollers_stays_elliptic(bulk: float) -> Non
     assert found.last()["force"] == pytest.approx(exact, rel=1e-5)
 
 
+def test_a_bulk_modulus_in_another_unit_is_named() -> None:
+    foam = scene(
+        "auto", box(3, 3, 3), material=[neo(3.0, 0.1)], probe=probes("force force_z z1"),
+        boundary=[*scenes.slip("xy"), {"set": "z0", "u_z": 0}, {"set": "z1", "u_z": 0.1}],
+    )  # fmt: skip
+    assert "less than a third of the shear modulus, 3" in str(solved(foam)[0].warnings)
+
+
 @pytest.mark.parametrize(
     ("points", "pressed", "unstable"),
     [

@@ -130,7 +130,7 @@ def deck_values(
     """Values of a deck, from its text where there is one."""
     if not isinstance(text, str):
         raise errors.InputError(f"a deck must be tables or a text, not {type(text).__name__}")
-    if text.endswith(".toml"):
+    if text.endswith(".toml") and "\n" not in text:
         raise errors.InputError(f"{text!r} is the name of a deck, not its text: open it as a file")
     words = checked_overrides(overrides)
     given = os.fsencode(path), text.encode() or b" ", as_texts(words), command.encode()
