@@ -10,6 +10,7 @@ import numpy as np
 from benchmarks.runner import sized_tables
 from benchmarks.truths.conditions import AXES
 from benchmarks.truths.deck_parts import deck, force, held, probe
+from benchmarks.truths.peers import solve_dolfinx
 from myork.bench.materials import RUBBER
 from myork.core.scene import Scene
 from myork.types import F64
@@ -29,7 +30,7 @@ class Part(NamedTuple):
     part: Sequence[dict[str, Any]]  #: Conditions of the part, without planes of symmetry
     pull: tuple[str, str]  #: Force component and the set where it acts
     along: str  #: Displacement to compare
-    finer: Sequence[tuple[int, int, int]]  #: Points of the part, coarser and finer
+    meshes: Sequence[tuple[int, int, int]]  #: Elements of the part, coarser and finer
     middle: tuple[float, float, float]  #: Place in the part, relative to its edges
     side: Sequence[tuple[float, float, float]]  #: Places over the side, likewise
 
@@ -45,21 +46,21 @@ _OVER = _over((1.0,), (*_QUARTERS, 1.0), _QUARTERS)
 BODIES = {
     "cube, 30 % shorter": Part(
         (1, 1, 1), "xyz", (held("z0"), held("z1", u_z=-0.3)), (held("z1", u_z=-0.15),),
-        ("z", "z1"), "u_x", ((5, 5, 5), (9, 9, 9)), (1, 0, 0), _OVER,
+        ("z", "z1"), "u_x", ((8, 8, 8), (10, 10, 10)), (1, 0, 0), _OVER,
     ),
     "block 1 x 1 x 2, 30 % longer": Part(
         (1, 1, 2), "xyz", (held("z0"), held("z1", u_z=0.6)), (held("z1", u_z=0.3),),
-        ("z", "z1"), "u_x", ((5, 5, 9), (9, 9, 17)), (1, 0, 0), _OVER,
+        ("z", "z1"), "u_x", ((8, 8, 16), (10, 10, 20)), (1, 0, 0), _OVER,
     ),
     "plate 1 x 1 x 0.1, end moved by 0.1": Part(
         (1, 1, 0.1), "y", (held("x0"), {"set": "x1", "u_z": 0.1}),
         (held("x0"), {"set": "x1", "u_z": 0.1}),
-        ("z", "x1"), "u_z", ((9, 5, 3), (17, 9, 5)), (0.5, 1, 0.5),
+        ("z", "x1"), "u_z", ((32, 16, 4), (48, 24, 4)), (0.5, 1, 0.5),
         _over((0.25, 0.5, 0.75, 1.0), _QUARTERS, (0.5,)),
     ),
     "column 1 x 1 x 3, end moved by 0.6": Part(
         (1, 1, 3), "y", (held("z0"), held("z1", u_x=0.6)), (held("z0"), held("z1", u_x=0.6)),
-        ("x", "z1"), "u_x", ((5, 3, 13), (9, 5, 25)), (1, 0, 0.5),
+        ("x", "z1"), "u_x", ((8, 4, 24), (12, 6, 36)), (1, 0, 0.5),
         _over((1.0,), (0.0, 0.5, 1.0), (0.25, 0.5, 0.75)),
     ),
 }  # fmt: skip
@@ -71,15 +72,15 @@ def across() -> Iterator[tuple[str, ...]]:
     Rubber of section 5.3.10 with K of 50 and 10,000 shear moduli. Force on the moved end, and
     displacement in the middle of a free side, normal to it (of the plate its deflection): signed
     errors [%]. Root mean square of the error of that displacement over the side, of the root mean
-    square there [%]. Truth: the part between planes of symmetry on the finer of two lattices.
-    `change of truth` is its change from the coarser one, of twice the spacing; the truth may be off
-    by that much.
+    square there [%]. Truth: the part between planes of symmetry by dolfinx, with the finer of two
+    meshes of quadratic elements with pressures (Q2/P1). `change of truth` is its change from the
+    coarser one; the truth may be off by that much, its forces upwards.
     """
     yield "body", "K/mu", "error of", "change of truth", *(f"n = {n}" for n in POINTS)
     for name, body in BODIES.items():
         for ratio in RATIOS:
-            coarse, truth = (_solve(body, ratio, size, whole=False) for size in body.finer)
-            errors = [_compare(_solve(body, ratio, (n, n, n)), truth) for n in POINTS]
+            coarse, truth = _elements(body, ratio)
+            errors = [_compare(_solve(body, ratio, n), truth) for n in POINTS]
             change = _compare(coarse, truth)
             for k, what in enumerate(("force", "middle", "side, r.m.s.")):
                 yield name, f"{ratio:g}", what, *(f"{one[k]:.2g}" for one in (change, *errors))
@@ -110,12 +111,21 @@ def _tables(body: Part, ratio: float, size: Sequence[int], whole: bool) -> dict[
     return sized_tables(deck("across", geometry, (material,), boundary, probes), size)
 
 
-def _solve(body: Part, ratio: float, size: Sequence[int], whole: bool = True) -> F64:
-    """Force of the whole body, and displacements."""
-    with Scene.from_tables(_tables(body, ratio, size, whole), threads=1) as scene:
+def _solve(body: Part, ratio: float, points: int) -> F64:
+    """Force and displacements of the whole body."""
+    with Scene.from_tables(_tables(body, ratio, (points,) * 3, whole=True), threads=1) as scene:
         states = scene.solve(error=False)
-        values = np.asarray(scene.probes(states.x, states.load)[-1][:, 0])
-    if not whole:
+        return np.asarray(scene.probes(states.x, states.load)[-1][:, 0])
+
+
+def _elements(body: Part, ratio: float) -> list[F64]:
+    """The same by finite elements of its part, on both meshes."""
+    tables = {**_tables(body, ratio, (3, 3, 3), whole=False), "load": {}}
+    rows = solve_dolfinx(tables, body.meshes, "Q2/P1", limit=600.0)
+    if len(rows) != len(body.meshes) or not all("probes" in row for row in rows):
+        raise RuntimeError(f"no truth by dolfinx: {[row.get('outcome') for row in rows]}")
+    values = [np.array(list(row["probes"].values())) for row in rows]
+    for one in values:
         # planes of symmetry along the force divide the end that is moved
-        values[0] *= 2 ** sum(axis != body.pull[1][0] for axis in body.folds)
+        one[0] *= 2 ** sum(axis != body.pull[1][0] for axis in body.folds)
     return values

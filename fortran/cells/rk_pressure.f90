@@ -16,7 +16,6 @@ module rk_pressure
    use rk_neighbours, only : find_neighbours
    use rk_place_shape, only : approximation_type, on_plane
    use rk_precision, only : i8, wp
-   use rk_tensor, only : cross, determinant
    implicit none
    private
 
@@ -36,6 +35,8 @@ module rk_pressure
       real(wp), allocatable :: reach(:, :)
       !> Polynomials in terms of the monomials 1, (x - centre)/reach, shape (1 + nd, 1 + nd, groups)
       real(wp), allocatable :: monomial(:, :, :)
+      !> Pressure that is written over that of the coefficients, shape (groups) [-]
+      real(wp), allocatable :: whole(:)
       !> Groups near each collocation point
       type(csr_type) :: near
       !> Second moments of each group about its centre over its volume, shape (nd, nd, groups)
@@ -50,7 +51,7 @@ module rk_pressure
       type(approximation_type) :: planes
       logical, allocatable :: beyond_plane(:, :)
    contains
-      procedure :: value => pressure_value, along_step, at => pressure_at
+      procedure :: value => pressure_value, from_ratios, at => pressure_at
       procedure :: bends
       procedure, private :: slope
    end type pressure_type
@@ -71,11 +72,13 @@ module rk_pressure
 contains
 
 !> Set up the polynomials
-subroutine new_pressure(self, cells, softness, place, curved, planes, error)
+subroutine new_pressure(self, cells, softness, whole, place, curved, planes, error)
    type(pressure_type), intent(out) :: self
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group over that of each integration point, shape (np) [-]
    real(wp), intent(in) :: softness(:)
+   !> Pressure that is written over that of the coefficients, shape (groups) [-]
+   real(wp), intent(in) :: whole(:)
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)
    !> Write pressures with their curvature (plane problems)
@@ -89,6 +92,7 @@ subroutine new_pressure(self, cells, softness, place, curved, planes, error)
 
    nd = size(place, 1)
    groups = size(cells%first) - 1
+   self%whole = whole
    allocate (self%count(groups), self%centre(nd, groups), self%reach(nd, groups))
    allocate (self%basis(1 + nd, size(cells%weight)), source=0.0_wp)
    allocate (self%total(1 + nd, groups), source=0.0_wp)
@@ -266,28 +270,24 @@ pure real(wp) function pressure_value(self, g, q, coefficient)
    end associate
 end function pressure_value
 
-!> Pressure of a group at the end of a step, linearised in the step as in a mixed Newton iteration:
-!> with K (J - 1) of the new state instead, any volume error left by a step disturbs the stiffness
-pure function along_step(self, g, cells, bulk, f, base) result(value)
+!> Pressure of a group for volume ratios of its points
+pure function from_ratios(self, g, cells, bulk, ratio) result(value)
    class(pressure_type), intent(in) :: self
    integer, intent(in) :: g
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group [stress]
    real(wp), intent(in) :: bulk
-   !> F(i, A) at all points at the end and at the start of the step, shape (3, 3, np) [-]
-   real(wp), intent(in) :: f(:, :, :), base(:, :, :)
+   !> Volume ratios, shape (points of the group) [-]
+   real(wp), intent(in) :: ratio(:)
    !> Coefficients [stress length^(nd/2)]
    real(wp) :: value(size(self%total, 1))
-   integer :: b, q
 
    value = 0.0_wp
-   b = self%count(g)
-   do q = cells%first(g) + 1, cells%first(g + 1)
-      value(:b) = value(:b) + cells%weight(q)*self%basis(:b, q)*(determinant(base(:, :, q)) &
-         & + 0.5_wp*sum(cross(base(:, :, q), base(:, :, q))*(f(:, :, q) - base(:, :, q))))
-   end do
-   value(:b) = bulk*(value(:b) - self%total(:b, g))
-end function along_step
+   associate (b => self%count(g), first => cells%first(g) + 1, last => cells%first(g + 1))
+      value(:b) = bulk*(matmul(self%basis(:b, first:last), cells%weight(first:last)*ratio) &
+         & - self%total(:b, g))
+   end associate
+end function from_ratios
 
 !> Blended pressure at a position: the polynomials of groups weighted by a partition of unity
 pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
@@ -325,7 +325,7 @@ pure real(wp) function pressure_at(self, ip, x, coefficient, bend) result(p)
                   & - sum(bend(:, :, g)*self%moment(:, :, g)))
             end associate
          end if
-         p = p + weight*local
+         p = p + weight*self%whole(g)*local
          total = total + weight
       end associate
    end do

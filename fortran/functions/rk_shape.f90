@@ -10,6 +10,7 @@ module rk_shape
    use rk_csr, only : csr_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_kernel, only : window_polar, window_product
+   use rk_margin, only : margin_type
    use rk_neighbours, only : find_neighbours
    use rk_place_shape, only : approximation_type, new_approximation, shape_at_place
    use rk_precision, only : i8, wp
@@ -63,7 +64,154 @@ pure integer function derivative_count(nd)
 end function derivative_count
 
 !> Evaluate all shape functions at all positions
-subroutine new_shape(self, approximation, source, support, place, error, first, plain)
+subroutine new_shape(self, approximation, source, support, place, error, first, plain, margin)
+   type(shape_type), intent(out) :: self
+   !> Order, kernel and window
+   type(approximation_type), intent(in) :: approximation
+   !> Source points, shape (nd, ns) [length]
+   real(wp), intent(in) :: source(:, :)
+   !> Support of each source point, shape (nd, ns) [length]
+   real(wp), intent(in) :: support(:, :)
+   !> Positions, shape (nd, np) [length]
+   real(wp), intent(in) :: place(:, :)
+   type(error_type), allocatable, intent(out) :: error
+   !> First derivatives only, which take a third of the time
+   logical, intent(in), optional :: first
+   !> Values only
+   logical, intent(in), optional :: plain
+   !> Layers of points beyond the sides of a lattice, for which source points stand
+   type(margin_type), intent(in), optional :: margin
+   type(shape_type) :: wide
+
+   if (.not. present(margin)) then
+      call evaluate(self, approximation, source, support, place, error, first, plain)
+      return
+   end if
+   call evaluate(wide, approximation, margin%point, margin%support, place, error, first, plain)
+   if (.not. allocated(error)) call fold(self, wide, margin, size(source, 2))
+end subroutine new_shape
+
+!> Add the functions of points beyond the sides to those of the source points that stand for them
+subroutine fold(self, wide, margin, ns)
+   !> Shape functions of the source points
+   type(shape_type), intent(inout) :: self
+   !> Those of the lattice with its layers
+   type(shape_type), intent(in) :: wide
+   type(margin_type), intent(in) :: margin
+   !> Number of source points
+   integer, intent(in) :: ns
+   !> For each stencil, the neighbours and the points that stand for them which first name its
+   !> source points, and these of an example
+   integer, allocatable :: member(:, :), part(:, :), source(:)
+   integer, allocatable :: last(:), before(:), sides(:), example(:), count(:)
+   real(wp), allocatable :: value(:, :)
+   integer(i8) :: k
+   integer :: e, i, ip, is, j, n, reached, widest
+   logical :: known
+
+   self%nd = wide%nd
+   self%nq = wide%nq
+   self%np = wide%np
+   self%ns = ns
+   ! stencils that are equal with the layers differ beside different sides
+   allocate (self%stencil(self%np), before(self%np), sides(self%np), example(self%np))
+   allocate (last(size(wide%first) - 1), source=0)
+   n = 0
+   do ip = 1, self%np
+      reached = 0
+      do k = wide%neighbour%offset(ip) + 1, wide%neighbour%offset(ip + 1)
+         reached = ior(reached, margin%beyond(wide%neighbour%index(k)))
+      end do
+      is = last(wide%stencil(ip))
+      do while (is > 0)
+         if (sides(is) == reached) exit
+         is = before(is)
+      end do
+      if (is == 0) then
+         n = n + 1
+         is = n
+         sides(n) = reached
+         example(n) = ip
+         before(n) = last(wide%stencil(ip))
+         last(wide%stencil(ip)) = n
+      end if
+      self%stencil(ip) = is
+   end do
+
+   widest = maxval([(wide%count(example(is)), is=1, n)])*size(margin%source, 1)
+   allocate (member(widest, n), part(widest, n), source(widest), count(n), self%first(n + 1))
+   allocate (value(self%nq, int(widest, i8)*n))
+   self%first(1) = 0
+   do is = 1, n
+      ip = example(is)
+      count(is) = 0
+      do i = 1, wide%count(ip)
+         k = wide%neighbour%offset(ip) + i
+         associate (point => wide%neighbour%index(k), &
+            & own => wide%value(:, wide%first(wide%stencil(ip)) + i))
+            do e = 1, margin%count(point)
+               ! ascending, as neighbours are
+               j = count(is)
+               do while (j > 0)
+                  if (source(j) <= margin%source(e, point)) exit
+                  j = j - 1
+               end do
+               known = .false.
+               if (j > 0) known = source(j) == margin%source(e, point)
+               if (.not. known) then
+                  j = j + 1
+                  call insert(j)
+               end if
+               value(:, self%first(is) + j) = value(:, self%first(is) + j) &
+                  & + margin%factor(e, point)*own
+            end do
+         end associate
+      end do
+      self%first(is + 1) = self%first(is) + count(is)
+   end do
+   self%value = value(:, :self%first(n + 1))
+
+   allocate (self%neighbour%offset(self%np + 1))
+   self%neighbour%offset(1) = 0
+   do ip = 1, self%np
+      self%neighbour%offset(ip + 1) = self%neighbour%offset(ip) + count(self%stencil(ip))
+   end do
+   allocate (self%neighbour%index(self%neighbour%offset(self%np + 1)))
+   !$omp parallel do default(none) schedule(static) private(ip, j) &
+   !$omp shared(self, wide, margin, member, part, count)
+   do ip = 1, self%np
+      associate (is => self%stencil(ip), to => self%neighbour%offset(ip), &
+         & from => wide%neighbour%offset(ip))
+         do j = 1, count(is)
+            self%neighbour%index(to + j) = margin%source(part(j, is), &
+               & wide%neighbour%index(from + member(j, is)))
+         end do
+      end associate
+   end do
+   !$omp end parallel do
+
+contains
+
+   !> Give the stencil another source point, at a place among those it has
+   subroutine insert(at)
+      integer, intent(in) :: at
+
+      count(is) = count(is) + 1
+      source(at + 1:count(is)) = source(at:count(is) - 1)
+      member(at + 1:count(is), is) = member(at:count(is) - 1, is)
+      part(at + 1:count(is), is) = part(at:count(is) - 1, is)
+      value(:, self%first(is) + at + 1:self%first(is) + count(is)) &
+         & = value(:, self%first(is) + at:self%first(is) + count(is) - 1)
+      source(at) = margin%source(e, wide%neighbour%index(k))
+      member(at, is) = i
+      part(at, is) = e
+      value(:, self%first(is) + at) = 0.0_wp
+   end subroutine insert
+
+end subroutine fold
+
+!> Evaluate the functions of points as they are
+subroutine evaluate(self, approximation, source, support, place, error, first, plain)
    type(shape_type), intent(out) :: self
    !> Order, kernel and window
    type(approximation_type), intent(in) :: approximation
@@ -131,7 +279,7 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
       return
    end if
    if (approximation%window == window_polar) call turn_stencils(self, place, example)
-end subroutine new_shape
+end subroutine evaluate
 
 !> Give each position its own derivatives: those of polar stencils turn with the position
 subroutine turn_stencils(self, place, example)

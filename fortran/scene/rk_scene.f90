@@ -4,6 +4,8 @@ module rk_scene
    use rk_equation, only : equation_type, motion_type
    use rk_error, only : error_type
    use rk_expression, only : expression_type, value_type
+   use rk_kernel, only : window_product
+   use rk_margin, only : margin_type, new_margin
    use rk_material, only : material_type
    use rk_deck_records, only : approximation_keys, boundary_keys, exact_keys, galerkin_keys, &
       & load_keys, mixed_keys, probe_keys, reference_keys, solver_keys
@@ -128,7 +130,8 @@ module rk_scene
       type(reference_keys), allocatable :: reference(:)
    contains
       procedure :: steps => count_steps, factors, activation_at, common_activation
-      procedure :: has_own_activations, is_loaded, changes, shape_at, stiffest_ratio, has_kinks
+      procedure :: has_own_activations, is_loaded, changes, shape_at, runs_out
+      procedure :: stiffest_ratio, has_kinks
    end type scene_type
 
 contains
@@ -273,9 +276,29 @@ subroutine shape_at(self, place, shape, error, first, plain)
    !> Values only
    logical, intent(in), optional :: plain
 
+   type(margin_type) :: margin
+
+   if (.not. self%runs_out()) then
+      call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, &
+         & first, plain)
+      return
+   end if
+   call new_margin(margin, self%cloud%lattice, self%cloud%source, self%support, &
+      & self%approximation%kink_axis, self%approximation%kink)
    call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, first, &
-      & plain)
+      & plain, margin)
 end subroutine shape_at
+
+!> Whether functions run out parabolically at the sides of a box; wider supports would need more
+!> than one layer of points beyond them
+pure logical function runs_out(self)
+   class(scene_type), intent(in) :: self
+
+   runs_out = self%method == 'rkpm-gauss' .and. self%approximation%order == 1 &
+      & .and. self%approximation%window == window_product &
+      & .and. allocated(self%cloud%lattice) .and. .not. self%cloud%polar
+   if (runs_out) runs_out = all(self%basis%support(:self%cloud%nd) <= 2.0_wp)
+end function runs_out
 
 !> Last material whose part of the body contains a position, 0 if none does
 integer function last_part(tissue, x, error) result(found)

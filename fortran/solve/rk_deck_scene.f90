@@ -211,6 +211,12 @@ subroutine get_approximation(deck, text)
    text = text//', window '//word
    call deck%get('approximation.support', support)
    text = text//', support '//to_text(support)
+   call deck%get('scene.method', word)
+   if (word /= 'rkpm-gauss' .or. order /= 1) return
+   if (.not. deck%has('geometry.kind')) return
+   ! as scene%runs_out
+   call deck%get('geometry.kind', word)
+   if (word == 'box' .and. all(support <= 2.0_wp)) text = text//', parabolic at sides'
 end subroutine get_approximation
 
 !> Amplitudes

@@ -92,6 +92,7 @@ module rk_galerkin
       !> positive definite if the equilibrium is stable
       logical, private :: penalised = .false.
    contains
+      procedure, private :: base_volume
       procedure :: start, assemble, is_unstable, state, at_place, strain_energy, set_force
       procedure :: set_displacement, section_force, set_point_loads, inner_forces
       procedure :: constant_product, material_at
@@ -110,7 +111,7 @@ subroutine new_galerkin(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
-   real(wp), allocatable :: shear(:), softness(:)
+   real(wp), allocatable :: shear(:), softness(:), whole(:)
    integer :: blocks, ip, nc, nd, np, ns
 
    self%scene => scene
@@ -156,8 +157,9 @@ subroutine new_galerkin(self, scene, error)
    call new_gradient(self%gradient, self%cells, blocks, self%inside, facet, self%surface%shape, &
       & self%surface%essential, self%surface%plates%follows, scene%cloud%source)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
-   call share_bulk(self%mixture, self%cells, nc, self%local_bulk, self%bulk, softness)
-   call new_pressure(self%pressure, self%cells, softness, scene%cloud%points, curved(self), &
+   call share_bulk(self%mixture, self%cells, nc, scene%runs_out(), self%local_bulk, self%bulk, &
+      & whole, softness)
+   call new_pressure(self%pressure, self%cells, softness, whole, scene%cloud%points, curved(self), &
       & scene%approximation, error)
    if (allocated(error)) return
    call new_multiplier(self%multiplier, self%cells, self%bulk, shear, blocks, self%gradient%member)
@@ -397,6 +399,22 @@ subroutine assemble(self, x, stage, r, seen)
    call self%matrix%measure(-r, seen%size)
 end subroutine assemble
 
+!> Volume ratio of a point at the end of a step, linearised in the step as in a mixed Newton
+!> iteration: with J of the new state instead, any volume error left by a step disturbs the
+!> stiffness. Where no step of the tangent leads to the state, that of its beginning
+pure real(wp) function base_volume(self, q, f)
+   class(galerkin_problem), intent(in) :: self
+   !> Integration point
+   integer, intent(in) :: q
+   !> F(i, A) at the end of the step [-]
+   real(wp), intent(in) :: f(3, 3)
+
+   associate (base => self%base(:, :, q))
+      base_volume = determinant(base)
+      if (.not. self%leaps) base_volume = base_volume + 0.5_wp*sum(cross(base, base)*(f - base))
+   end associate
+end function base_volume
+
 !> Forces and stiffness of a group of points
 subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    !> Problem; a tangent that is not formed keeps moduli and cofactors of the group
@@ -418,7 +436,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    real(wp), allocatable, intent(inout) :: force(:, :)
    !> Upper triangle of the stiffness, shape (fields*members, fields*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
-   real(wp), allocatable :: bulk(:), c4(:, :, :, :, :), volume(:, :), work(:, :, :)
+   real(wp), allocatable :: ahead(:), bulk(:), c4(:, :, :, :, :), volume(:, :), work(:, :, :)
    real(wp) :: basis(4), h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own
    real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1)), within, taken, resistance
    integer :: fields, nc, nd, n, q, o, i, k, members, b
@@ -463,11 +481,8 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
       if (self%matrix%pressures%carrying .and. .not. self%multiplier%free(g)) then
          linear = self%matrix%pressures%carried(:, g)
       else if (allocated(self%base) .and. .not. self%multiplier%free(g)) then
-         if (self%leaps) then
-            linear = self%pressure%along_step(g, self%cells, self%bulk(g), self%base, self%base)
-         else
-            linear = self%pressure%along_step(g, self%cells, self%bulk(g), at%f, self%base)
-         end if
+         ahead = [(self%base_volume(o + q, at%f(:, :, o + q)), q=1, n)]
+         linear = self%pressure%from_ratios(g, self%cells, self%bulk(g), ahead)
       else if (.not. self%multiplier%free(g)) then
          linear(1) = linear(1) + active_pressure(self, g, at, load)
       end if
@@ -477,11 +492,14 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    do q = 1, n
       associate (f => at%f(:, :, o + q), j => at%j(o + q))
          cofactor = volume_slope(self, f)
-         own = self%local_bulk(nc + o + q)*(j - 1.0_wp)
+         own = self%local_bulk(nc + o + q)*volume_change(self, at, o + q)
          if (tangent .or. jumps) then
+            within = own
+            if (allocated(ahead)) within = self%local_bulk(nc + o + q)*(ahead(q) - 1.0_wp)
             call self%mixture%stress(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
-            if (.not. self%linear) call add_cross_form(own &
+            if (.not. self%linear) call add_cross_form(within &
                & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
+            within = 0.0_wp
             if (self%resists) within = taken*bulk(q)
             do k = 1, nd
                do i = 1, fields
@@ -576,6 +594,20 @@ pure function volume_slope(self, f) result(slope)
    if (.not. self%linear) slope = 0.5_wp*cross(f, f)
 end function volume_slope
 
+!> Change of volume at an integration point [-]
+pure real(wp) function volume_change(self, at, q)
+   class(galerkin_problem), intent(in) :: self
+   type(field_state), intent(in) :: at
+   integer, intent(in) :: q
+   integer :: k
+
+   if (self%linear) then
+      volume_change = sum([(at%f(k, k, q), k=1, self%gradient%nd)])
+   else
+      volume_change = at%j(q) - 1.0_wp
+   end if
+end function volume_change
+
 !> Pressures on the curve through the last converged states
 subroutine extrapolate(self, stage)
    !> Problem, linearised at the last converged state
@@ -656,8 +688,9 @@ subroutine state(self, x, load, at, tissue)
          if (.not. at%j(q) > 0.0_wp) cycle
          call self%mixture%stress(nc + q, at%f(:, :, q), load, at%p(:, :, q), &
             & volumetric=.false., tissue=tissue)
-         at%p(:, :, q) = at%p(:, :, q) + part(q)*(self%local_bulk(nc + q)*(at%j(q) - 1.0_wp) &
-            & + self%pressure%value(g, q, at%pressure(:, g)))*volume_slope(self, at%f(:, :, q))
+         at%p(:, :, q) = at%p(:, :, q) + part(q)*volume_slope(self, at%f(:, :, q)) &
+            & *(self%local_bulk(nc + q)*volume_change(self, at, q) &
+            & + self%pressure%value(g, q, at%pressure(:, g)))
       end do
    end do
    !$omp end parallel do
@@ -709,7 +742,7 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
          if (.not. part > 0.0_wp) cycle
          pressure = self%pressure%value(g, q, state%pressure(:, g))
          ! half the pressure times the projected change of volume, zero where volume is preserved
-         density = 0.5_wp*self%local_bulk(nc + q)*(state%j(q) - 1.0_wp)**2
+         density = 0.5_wp*self%local_bulk(nc + q)*volume_change(self, state, q)**2
          if (self%bulk(g) > 0.0_wp .and. .not. self%multiplier%free(g)) density = density &
             & + 0.5_wp*pressure**2/self%bulk(g)
          energy = energy + self%cells%weight(q)*(part*density + self%mixture%energy(nc + q, &
@@ -741,8 +774,8 @@ pure subroutine deform_group(self, g, x, at, lift, excess)
    !> Projected change of volume by the group's polynomials, shape (1 + nd) [length^(nd/2)]
    real(wp), intent(out), optional :: excess(:)
    real(wp), allocatable :: local(:, :)
-   real(wp) :: h(self%fields, self%gradient%nd), value(size(at%pressure, 1)), change
-   integer :: b, k, nd, q
+   real(wp) :: h(self%fields, self%gradient%nd), value(size(at%pressure, 1))
+   integer :: b, nd, q
 
    nd = self%gradient%nd
    b = self%pressure%count(g)
@@ -761,16 +794,14 @@ pure subroutine deform_group(self, g, x, at, lift, excess)
          at%f(:, :, q) = 0.0_wp
          at%f(:self%fields, :nd, q) = h
          at%j(q) = 1.0_wp
-         change = sum([(at%f(k, k, q), k=1, nd)])
       else
          at%f(:, :, q) = identity
          at%f(:nd, :nd, q) = at%f(:nd, :nd, q) + h
          at%j(q) = determinant(at%f(:, :, q))
-         change = at%j(q)
       end if
-      value(:b) = value(:b) + self%cells%weight(q)*change*self%pressure%basis(:b, q)
+      value(:b) = value(:b) + self%cells%weight(q)*volume_change(self, at, q) &
+         & *self%pressure%basis(:b, q)
    end do
-   if (.not. self%linear) value(:b) = value(:b) - self%pressure%total(:b, g)
    if (present(excess)) excess = value
    if (self%multiplier%free(g)) then
       at%pressure(:, g) = self%multiplier%pressure(g, local)
@@ -905,6 +936,8 @@ function cut_through(scene, place, normal) result(share)
       margin = dot_product(abs(normal), maxval(scene%support, dim=2))
       ! rotated supports reach as far as their corners
       if (scene%approximation%window == window_polar) margin = norm2(maxval(scene%support, dim=2))
+      ! what lies beyond a side follows its three nearest points
+      if (scene%runs_out()) margin = margin + width
       margin = margin - 0.5_wp*width
       middle = dot_product(normal, place)
       if (last - first >= 2.0_wp*margin) then

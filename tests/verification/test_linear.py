@@ -122,6 +122,21 @@ def test_polynomials_are_reproduced(dimension: int, order: int, grows: bool) -> 
     assert errors(tables)["relative_H1"] < 1e-10
 
 
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_functions_run_out_as_parabolas(dimension: int) -> None:
+    """Functions of order 1 contain (1 + x)^2, up to the penalty; as natural splines they would
+    leave 7.6e-3.
+    """
+    flux = {side: {"flux": "0"} for side in SIDES[2 : 2 * dimension]}
+    sides = {"x0": {"u": "1"}, "x1": {"flux": "4"}, **flux}
+    tables = scene(
+        "rkpm-gauss", box(*[5] * dimension, size=[1] * dimension, places=[5] * dimension),
+        linear={**POISSON, "source": "-2", "exact": "(1 + x)^2"}, galerkin={"penalty": 1e6},
+        boundary=[{"set": side, **table} for side, table in sides.items()],
+    )  # fmt: skip
+    assert errors(tables)["relative_H1"] < 1e-7
+
+
 @pytest.mark.parametrize("form", [LINEAR, QUADRATIC], ids=["linear", "quadratic"])
 @pytest.mark.parametrize("essential", ["penalty", "transformation"])
 @pytest.mark.parametrize(

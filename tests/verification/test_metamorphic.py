@@ -393,7 +393,12 @@ def differences(
 ) -> list[str]:
     """Differences of two answers to one scene; `within` the bars where lattices differ."""
     found = []
-    if one.verdict != two.verdict:
+    verdicts = {one.verdict, two.verdict}
+    # along another path the second solution may find another branch, which is never accepted
+    strayed = "accepted" not in verdicts and any(
+        "another branch" in reason for reason in (*one.reasons, *two.reasons)
+    )
+    if len(verdicts) > 1 and not strayed:
         found.append(f"{one.verdict} {one.reasons} becomes {two.verdict} {two.reasons}")
     kinds: dict[str, float] = {}
     rows = []
@@ -409,7 +414,7 @@ def differences(
         rows.append((probe["name"], kind, *(entry[:size] for entry in pairs)))
         kinds[kind] = max([kinds.get(kind, 0.0), *abs(value[:size])])
     kinds["torque"] = max(kinds["torque"], kinds["force"] * twin.length * max(case.frame[1]))
-    refused = one.verdict == two.verdict == "refused"
+    refused = strayed or verdicts == {"refused"}
     for name, kind, value, bar, other, its in rows:
         wide, rounding = np.fmax(bar, its), ROUNDING * kinds[kind]
         room = (1 if within else OF_BAR) * wide + rounding
@@ -420,7 +425,6 @@ def differences(
         if np.any(abs(value - other) > room) or np.any(np.isnan(value) != np.isnan(other)):
             found.append(f"{name}: {value} +- {bar} becomes {other} +- {its}")
         elif refused and missing:
-            # along another path the second solution of a refused one may find another branch
             continue
         elif not within and (missing or np.any(abs(bar - its) > OF_BARS * wide + rounding)):
             found.append(f"{name}: bar of {value}, {bar}, becomes {its}")

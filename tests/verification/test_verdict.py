@@ -399,7 +399,7 @@ def test_a_branch_is_lost_by_the_judgement_of_the_verdict() -> None:
 
 def test_a_branch_that_is_lost_ends_the_halving() -> None:
     """A soft muscle leaves its axis: of ten allowed halvings at most seven are made."""
-    change = ["scene.method=rkpm-gauss", "approximation.order=1", "boundary.z1.u_z=0"]
+    change = ["scene.method=rkpm-gauss", "approximation.order=2", "boundary.z1.u_z=0"]
     change += ["material.muscle.A10=4.4", "material.muscle.fiber_angle=1", "load.steps=1"]
     lost = "an unstable equilibrium, where the branch is lost"
     with Scene.from_tables(scenes.contracting(4, 4, 6), overrides=change) as scene:
@@ -521,11 +521,11 @@ def test_bars_of_linear_problems_are_their_errors(inputs: Path) -> None:
     assert states.verdict != "accepted" and abs(stress / 75 - 1) > 0.05
 
 
-def pad(quantity: str, *point: float) -> dict[str, Any]:
+def pad(quantity: str, *point: float, down: float = 1.0) -> dict[str, Any]:
     """A flat block between glued plates, compressed by a tenth, with one stress probe."""
     body = box(9, 9, 5, size=[20, 20, 10], places=False)
     place = " ".join(map(str, point))
-    return gripped("rkpm-gauss", body, neo(0.3, 300), "z0 z1", f"stress {quantity} {place}", u_z=-1)
+    return gripped("rkpm-gauss", body, neo(0.3, 300), "z0 z1", f"stress {quantity} {place}", u_z=-down)
 
 
 def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
@@ -543,8 +543,8 @@ def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
 
 
 def test_an_error_bar_beyond_the_value_is_said() -> None:
-    """In an accepted answer too: shear that is zero by symmetry, with a bar of 0.004 N/cm^2."""
-    states, found = solved(pad("cauchy_xz", 10, 10, 5))
+    """In an accepted answer too: shear that is zero by symmetry, with a bar of 0.002 N/cm^2."""
+    states, found = solved(pad("cauchy_xz", 10, 10, 5, down=0.3))
     assert states.verdict == "accepted" and abs(found.last()["stress"]) < found.bar("stress")
     assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]
     assert not any("zero" in text for text in states.warnings)
@@ -562,7 +562,7 @@ def test_the_difference_of_displacements_is_a_length(tmp_path: Path) -> None:
 
 def test_the_tissue_that_differs_is_named() -> None:
     """Sheared by a traction on the softer layer, which moves most and is one cell thick."""
-    tissues = neo(100, 1e5, "tendon"), neo(0.3, 300, "fat", where="x > 1.5")
+    tissues = neo(100, 1e5, "tendon"), neo(0.03, 30, "fat", where="x > 1.5")
     body, end = box(5, 3, 7, size=[2, 1, 4], places=False), {"traction": [0, 0.02, 0]}
     tables = scenes.loaded("rkpm-gauss", body, tissues, "z0 x1", end, "shear force z0")
     states, _ = solved(tables)
