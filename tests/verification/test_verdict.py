@@ -525,7 +525,9 @@ def pad(quantity: str, *point: float, down: float = 1.0) -> dict[str, Any]:
     """A flat block between glued plates, compressed by a tenth, with one stress probe."""
     body = box(9, 9, 5, size=[20, 20, 10], places=False)
     place = " ".join(map(str, point))
-    return gripped("rkpm-gauss", body, neo(0.3, 300), "z0 z1", f"stress {quantity} {place}", u_z=-down)
+    return gripped(
+        "rkpm-gauss", body, neo(0.3, 300), "z0 z1", f"stress {quantity} {place}", u_z=-down
+    )
 
 
 def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
