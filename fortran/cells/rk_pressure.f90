@@ -35,7 +35,7 @@ module rk_pressure
       real(wp), allocatable :: reach(:, :)
       !> Polynomials in terms of the monomials 1, (x - centre)/reach, shape (1 + nd, 1 + nd, groups)
       real(wp), allocatable :: monomial(:, :, :)
-      !> Pressure that is written over that of the coefficients, shape (groups) [-]
+      !> Factor from the pressure of the coefficients to the one that is written, shape (groups) [-]
       real(wp), allocatable :: whole(:)
       !> Groups near each collocation point
       type(csr_type) :: near
@@ -77,7 +77,7 @@ subroutine new_pressure(self, cells, softness, whole, place, curved, planes, err
    type(cells_type), intent(in) :: cells
    !> Bulk modulus of the group over that of each integration point, shape (np) [-]
    real(wp), intent(in) :: softness(:)
-   !> Pressure that is written over that of the coefficients, shape (groups) [-]
+   !> Factor from the pressure of the coefficients to the one that is written, shape (groups) [-]
    real(wp), intent(in) :: whole(:)
    !> Collocation points, shape (nd, nc) [length]
    real(wp), intent(in) :: place(:, :)

@@ -1,14 +1,15 @@
 !> A layer of points beyond the sides of a lattice.
 !>
-!> On a lattice, functions of order 1 whose support is two spacings are cubic B-splines, and those
-!> near a side have no second derivative normal to it: they form a natural spline. A free side that
-!> contracts, a bent beam or the flow along a wall has one, so that errors at sides were of second
-!> order, and alternated with the spacings into the body. With a further layer of points, whose
-!> coefficients lie on the parabola through those of the three nearest ones, each function is a
-!> spline with a parabolic run-out; unknowns and supports remain the same.
+!> On an even lattice, functions of order 1 with the cubic kernel and a support of two spacings are
+!> cubic B-splines, and those near a side have no second derivative normal to it: they form a
+!> natural spline. A free side that contracts, a bent beam or the flow along a wall has one, so that
+!> errors at sides are of second order, and alternate with the spacings into the body. With a
+!> further layer of points, whose coefficients lie on the parabola through those of the three
+!> nearest ones, each function is a spline with a parabolic run-out. The unknowns remain the same.
 !>
 !> Reference: de Boor, A Practical Guide to Splines, doi:10.1007/978-1-4612-6333-3, chapter IV
 module rk_margin
+   use rk_place_shape, only : on_plane
    use rk_precision, only : wp
    implicit none
    private
@@ -35,7 +36,8 @@ module rk_margin
 
 contains
 
-!> Add the layers; a side has none where there are too few points or where materials meet near it
+!> Add the layers; a side has none where there are too few points, or where a plane on which
+!> materials meet lies before the third one
 subroutine new_margin(self, lattice, source, support, kink_axis, kink)
    type(margin_type), intent(out) :: self
    !> Source points along each axis, shape (nd)
@@ -148,7 +150,8 @@ contains
       if (.not. (is_open .and. present(kink))) return
       x = line(d, end)
       ! a parabola does not bend at a plane
-      is_open = .not. any(kink_axis == d .and. abs(kink - x(1)) < abs(x(3) - x(1)))
+      is_open = .not. any(kink_axis == d &
+         & .and. abs(kink - x(1)) < (1.0_wp - on_plane)*abs(x(3) - x(1)))
    end function is_open
 
 end subroutine new_margin

@@ -31,7 +31,7 @@ module rk_shape
       integer :: np = 0
       !> Number of source points
       integer :: ns = 0
-      !> Source points that cover each position
+      !> Source points whose functions may differ from zero at each position
       type(csr_type) :: neighbour
       !> Stencil of each position, shape (np)
       integer, allocatable :: stencil(:)
@@ -100,14 +100,13 @@ subroutine fold(self, wide, margin, ns)
    type(margin_type), intent(in) :: margin
    !> Number of source points
    integer, intent(in) :: ns
-   !> For each stencil, the neighbours and the points that stand for them which first name its
-   !> source points, and these of an example
-   integer, allocatable :: member(:, :), part(:, :), source(:)
-   integer, allocatable :: last(:), before(:), sides(:), example(:), count(:)
+   !> Source points of a stencil, each with the neighbour, and the number among the points that
+   !> stand for it, which first names it
+   integer, allocatable :: source(:), own(:, :), named(:, :)
+   integer, allocatable :: last(:), before(:), sides(:), example(:)
    real(wp), allocatable :: value(:, :)
    integer(i8) :: k
-   integer :: e, i, ip, is, j, n, reached, widest
-   logical :: known
+   integer :: count, ip, is, j, n, reached, widest
 
    self%nd = wide%nd
    self%nq = wide%nq
@@ -138,20 +137,60 @@ subroutine fold(self, wide, margin, ns)
       self%stencil(ip) = is
    end do
 
-   widest = maxval([(wide%count(example(is)), is=1, n)])*size(margin%source, 1)
-   allocate (member(widest, n), part(widest, n), source(widest), count(n), self%first(n + 1))
-   allocate (value(self%nq, int(widest, i8)*n))
+   widest = 0
+   do is = 1, n
+      associate (offset => wide%neighbour%offset(example(is):example(is) + 1))
+         widest = max(widest, sum(margin%count(wide%neighbour%index(offset(1) + 1:offset(2)))))
+      end associate
+   end do
+   allocate (source(widest), own(2, widest), value(self%nq, widest), self%first(n + 1))
+   ! counted first: on graded lattices nearly every position has a stencil of its own
    self%first(1) = 0
    do is = 1, n
-      ip = example(is)
-      count(is) = 0
+      call gather(example(is))
+      self%first(is + 1) = self%first(is) + count
+   end do
+   allocate (self%value(self%nq, self%first(n + 1)), named(2, self%first(n + 1)))
+   do is = 1, n
+      call gather(example(is))
+      self%value(:, self%first(is) + 1:self%first(is + 1)) = value(:, :count)
+      named(:, self%first(is) + 1:self%first(is + 1)) = own(:, :count)
+   end do
+
+   allocate (self%neighbour%offset(self%np + 1))
+   self%neighbour%offset(1) = 0
+   do ip = 1, self%np
+      self%neighbour%offset(ip + 1) = self%neighbour%offset(ip) &
+         & + self%first(self%stencil(ip) + 1) - self%first(self%stencil(ip))
+   end do
+   allocate (self%neighbour%index(self%neighbour%offset(self%np + 1)))
+   !$omp parallel do default(none) schedule(static) private(ip, j) shared(self, wide, margin, named)
+   do ip = 1, self%np
+      associate (to => self%neighbour%offset(ip), from => self%first(self%stencil(ip)))
+         do j = 1, int(self%neighbour%offset(ip + 1) - to)
+            self%neighbour%index(to + j) = margin%source(named(2, from + j), &
+               & wide%neighbour%index(wide%neighbour%offset(ip) + named(1, from + j)))
+         end do
+      end associate
+   end do
+   !$omp end parallel do
+
+contains
+
+   !> Source points of a position, ascending, and their functions
+   subroutine gather(ip)
+      integer, intent(in) :: ip
+      integer(i8) :: k
+      integer :: e, i, j
+      logical :: known
+
+      count = 0
       do i = 1, wide%count(ip)
          k = wide%neighbour%offset(ip) + i
          associate (point => wide%neighbour%index(k), &
-            & own => wide%value(:, wide%first(wide%stencil(ip)) + i))
+            & part => wide%value(:, wide%first(wide%stencil(ip)) + i))
             do e = 1, margin%count(point)
-               ! ascending, as neighbours are
-               j = count(is)
+               j = count
                do while (j > 0)
                   if (source(j) <= margin%source(e, point)) exit
                   j = j - 1
@@ -160,53 +199,19 @@ subroutine fold(self, wide, margin, ns)
                if (j > 0) known = source(j) == margin%source(e, point)
                if (.not. known) then
                   j = j + 1
-                  call insert(j)
+                  source(j + 1:count + 1) = source(j:count)
+                  own(:, j + 1:count + 1) = own(:, j:count)
+                  value(:, j + 1:count + 1) = value(:, j:count)
+                  count = count + 1
+                  source(j) = margin%source(e, point)
+                  own(:, j) = [i, e]
+                  value(:, j) = 0.0_wp
                end if
-               value(:, self%first(is) + j) = value(:, self%first(is) + j) &
-                  & + margin%factor(e, point)*own
+               value(:, j) = value(:, j) + margin%factor(e, point)*part
             end do
          end associate
       end do
-      self%first(is + 1) = self%first(is) + count(is)
-   end do
-   self%value = value(:, :self%first(n + 1))
-
-   allocate (self%neighbour%offset(self%np + 1))
-   self%neighbour%offset(1) = 0
-   do ip = 1, self%np
-      self%neighbour%offset(ip + 1) = self%neighbour%offset(ip) + count(self%stencil(ip))
-   end do
-   allocate (self%neighbour%index(self%neighbour%offset(self%np + 1)))
-   !$omp parallel do default(none) schedule(static) private(ip, j) &
-   !$omp shared(self, wide, margin, member, part, count)
-   do ip = 1, self%np
-      associate (is => self%stencil(ip), to => self%neighbour%offset(ip), &
-         & from => wide%neighbour%offset(ip))
-         do j = 1, count(is)
-            self%neighbour%index(to + j) = margin%source(part(j, is), &
-               & wide%neighbour%index(from + member(j, is)))
-         end do
-      end associate
-   end do
-   !$omp end parallel do
-
-contains
-
-   !> Give the stencil another source point, at a place among those it has
-   subroutine insert(at)
-      integer, intent(in) :: at
-
-      count(is) = count(is) + 1
-      source(at + 1:count(is)) = source(at:count(is) - 1)
-      member(at + 1:count(is), is) = member(at:count(is) - 1, is)
-      part(at + 1:count(is), is) = part(at:count(is) - 1, is)
-      value(:, self%first(is) + at + 1:self%first(is) + count(is)) &
-         & = value(:, self%first(is) + at:self%first(is) + count(is) - 1)
-      source(at) = margin%source(e, wide%neighbour%index(k))
-      member(at, is) = i
-      part(at, is) = e
-      value(:, self%first(is) + at) = 0.0_wp
-   end subroutine insert
+   end subroutine gather
 
 end subroutine fold
 

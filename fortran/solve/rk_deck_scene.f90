@@ -211,8 +211,9 @@ subroutine get_approximation(deck, text)
    text = text//', window '//word
    call deck%get('approximation.support', support)
    text = text//', support '//to_text(support)
+   if (word /= 'product' .or. order /= 1) return
    call deck%get('scene.method', word)
-   if (word /= 'rkpm-gauss' .or. order /= 1) return
+   if (word /= 'rkpm-gauss') return
    if (.not. deck%has('geometry.kind')) return
    ! as scene%runs_out
    call deck%get('geometry.kind', word)

@@ -437,7 +437,7 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    !> Upper triangle of the stiffness, shape (fields*members, fields*members) [force/length]
    real(wp), allocatable, intent(inout) :: part(:, :)
    real(wp), allocatable :: ahead(:), bulk(:), c4(:, :, :, :, :), volume(:, :), work(:, :, :)
-   real(wp) :: basis(4), h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own
+   real(wp) :: basis(4), h(self%fields, self%gradient%nd), p(3, 3), cofactor(3, 3), own, ahead_own
    real(wp) :: linear(size(at%pressure, 1)), jump(size(at%pressure, 1)), within, taken, resistance
    integer :: fields, nc, nd, n, q, o, i, k, members, b
    logical :: formed, jumps, stacked
@@ -472,9 +472,9 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
    if (self%penalised .and. self%multiplier%free(g)) resistance = firm &
       & *maxval([(self%mixture%shear_modulus(nc + o + q, at%f(:, :, o + q)), q=1, n)])
    if (self%resists) then
-      bulk = [(self%mixture%bulk_at_one_pressure(nc + o + q), q=1, n)]
+      bulk = [(self%mixture%bulk_at_one_pressure(nc + o + q) - self%local_bulk(nc + o + q), q=1, n)]
       if (self%multiplier%free(g)) bulk = resistance
-      taken = minval([(bulk_within(self%mixture, nc + o + q, judged_share), q=1, n)]/bulk)
+      taken = minval([0.5_wp, [(bulk_within(self%mixture, nc + o + q, judged_share), q=1, n)]/bulk])
    end if
    if (tangent .or. jumps) then
       linear = at%pressure(:, g)
@@ -494,12 +494,11 @@ subroutine group_part(self, g, at, excess, change, load, tangent, force, part)
          cofactor = volume_slope(self, f)
          own = self%local_bulk(nc + o + q)*volume_change(self, at, o + q)
          if (tangent .or. jumps) then
-            within = own
-            if (allocated(ahead)) within = self%local_bulk(nc + o + q)*(ahead(q) - 1.0_wp)
+            ahead_own = own
+            if (allocated(ahead)) ahead_own = self%local_bulk(nc + o + q)*(ahead(q) - 1.0_wp)
             call self%mixture%stress(nc + o + q, f, load, p, c4(:, :, :, :, q), volumetric=.false.)
-            if (.not. self%linear) call add_cross_form(within &
+            if (.not. self%linear) call add_cross_form(ahead_own &
                & + self%pressure%value(g, o + q, linear), f, c4(:, :, :, :, q))
-            within = 0.0_wp
             if (self%resists) within = taken*bulk(q)
             do k = 1, nd
                do i = 1, fields
@@ -937,7 +936,8 @@ function cut_through(scene, place, normal) result(share)
       ! rotated supports reach as far as their corners
       if (scene%approximation%window == window_polar) margin = norm2(maxval(scene%support, dim=2))
       ! what lies beyond a side follows its three nearest points
-      if (scene%runs_out()) margin = margin + width
+      if (scene%runs_out()) margin = width + dot_product(abs(normal), &
+         & maxval(max(scene%support, 2.0_wp*cloud%spacing), dim=2))
       margin = margin - 0.5_wp*width
       middle = dot_product(normal, place)
       if (last - first >= 2.0_wp*margin) then

@@ -63,7 +63,7 @@ function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
    !> Adjacent side
    integer, intent(in) :: other
    real(wp) :: motion(size(cloud%source, 2))
-   real(wp) :: of_node(6, size(motion)), m(2, 0:lines - 1), share(0:lines - 1), scale
+   real(wp) :: of_node(6, size(motion)), m(2, 0:lines - 1), share(0:lines - 1), scale, mean
    integer :: line(size(motion)), axis, end, index(3), k
 
    motion = 0.0_wp
@@ -87,6 +87,10 @@ function slide_motion(cloud, surface, cells, slide, i, other) result(motion)
    share = [1.0_wp, (m(1, 2)*m(2, 0) - m(2, 2)*m(1, 0))/scale, &
       & (m(2, 1)*m(1, 0) - m(1, 1)*m(2, 0))/scale]
    where (line < lines) motion = share(line)
+   ! what lies beyond a side follows its three nearest points
+   of_node = moments(cells, surface, slide, size(line))
+   mean = dot_product(of_node(1, :), motion)/sum(of_node(1, :))
+   if (abs(mean) > dependent) motion = motion/mean
 end function slide_motion
 
 !> Integrals of shape functions over a side, times 1, x, y, x^2, x y and y^2, shape (6, ns)

@@ -29,8 +29,9 @@ module rk_stabilisation
    !> pressure that varies along it: more stiffens bending, and with less the force of a sheared
    !> column of an even number of points falls below that of the next odd one
    real(wp), parameter :: group_share = 1.0_wp, thin_share = 8.0_wp/3.0_wp
-   !> The same where the stability of a tangent is judged: blocks pressed between rollers have false
-   !> negative modes with 0.3 and none from 0.9 on; more stiffens bending with few cells across
+   !> What is added to it where the stability of a tangent is judged: blocks pressed between rollers
+   !> have false negative modes with 0.3 and none from 0.9 on; more stiffens bending with few cells
+   !> across
    real(wp), parameter :: judged_share = 1.0_wp
    !> Relative difference below which the bulk moduli of a group count as equal
    real(wp), parameter :: equal = 1.0e-12_wp
@@ -98,8 +99,8 @@ subroutine share_bulk(mixture, cells, nc, everywhere, local, projected, whole, s
    real(wp), allocatable, intent(out) :: local(:)
    !> Part that acts on the projection in each group, shape (groups) [stress]
    real(wp), allocatable, intent(out) :: projected(:)
-   !> Pressure of each group over that of the projection: Gauss points share what acts at each of
-   !> them, whose own would vary between them, shape (groups) [-]
+   !> Factor from the projected pressure of each group to the total one: the local parts, which vary
+   !> between Gauss points, are written as their mean, shape (groups) [-]
    real(wp), allocatable, intent(out) :: whole(:)
    !> Modulus of the group over that of each integration point, shape (np) [-]
    real(wp), allocatable, intent(out) :: softness(:)
@@ -140,8 +141,8 @@ subroutine share_bulk(mixture, cells, nc, everywhere, local, projected, whole, s
    if (.not. everywhere .or. cells%smoothed) return
    do g = 1, size(projected)
       associate (first => cells%first(g) + 1, last => cells%first(g + 1))
-         if (projected(g) > 0.0_wp) whole(g) = 1.0_wp + sum(cells%weight(first:last) &
-            & *local(nc + first:nc + last))/(sum(cells%weight(first:last))*projected(g))
+         if (minval(bulk(first:last)) > 0.0_wp) whole(g) = 1.0_wp + sum(cells%weight(first:last) &
+            & *local(nc + first:nc + last)/bulk(first:last))/sum(cells%weight(first:last))
       end associate
    end do
 end subroutine share_bulk
@@ -154,9 +155,11 @@ real(wp) function bulk_within(mixture, i, share)
    integer, intent(in) :: i
    !> Its upper limit, relative to the shear modulus [-]
    real(wp), intent(in) :: share
+   real(wp) :: shear
 
-   bulk_within = min(0.5_wp*mixture%bulk_at_one_pressure(i), &
-      & share*mixture%shear_modulus(i, identity))
+   shear = mixture%shear_modulus(i, identity)
+   if (allocated(mixture%pair)) shear = mixture%pair(2, i)
+   bulk_within = max(0.0_wp, min(0.5_wp*mixture%bulk_at_one_pressure(i), share*shear))
 end function bulk_within
 
 end module rk_stabilisation

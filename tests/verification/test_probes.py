@@ -190,3 +190,22 @@ def test_rounding_below_a_bar_is_printed_as_zero(tmp_path: Path) -> None:
     assert 0 < abs(found[1]) < 1e-6 * step["probe_errors"]["middle"][1]
     assert shown == [found[0], 0.0]
     assert re.search(r"middle \(0\.05\d*, 0\) \+-", (tmp_path / "run.log").read_text())
+
+
+@pytest.mark.parametrize("points", [4, 5, 6])
+@pytest.mark.parametrize("bulk", [1.0, 4.0, 100.0])
+def test_the_pressure_is_that_of_all_of_k(points, bulk):
+    """Though a part of K acts at each Gauss point, more in groups of a single cell: a block of
+    mu = 1 in a rigid tube, shorter by a tenth.
+    """
+    sides = [{"set": f"{axis}{end}", f"u_{axis}": 0} for axis in "xy" for end in (0, 1)]
+    tables = scene(
+        "auto", box(*[points] * 3), material=[neo(1.0, bulk)],
+        boundary=[*sides, {"set": "z0", "u_z": 0}, {"set": "z1", "u_z": -0.1}],
+        probe=probes("p pressure 0.4 0.5 0.6", "s cauchy_zz 0.4 0.5 0.6", "force force_z z1"),
+    )  # fmt: skip
+    found = solved(tables).last()
+    shear = 0.9 ** (-5 / 3) * (2 / 3 * 0.9**2 - 2 / 3)
+    assert found["s"] == pytest.approx(shear - 0.1 * bulk, rel=1e-6)
+    assert found["force"] == pytest.approx(found["s"], rel=1e-6)
+    assert abs(found["p"]) == pytest.approx(0.1 * bulk, rel=1e-6)

@@ -545,8 +545,8 @@ def test_a_stress_at_a_singular_rim_is_to_be_moved() -> None:
 
 
 def test_an_error_bar_beyond_the_value_is_said() -> None:
-    """In an accepted answer too: shear that is zero by symmetry, with a bar of 0.002 N/cm^2."""
-    states, found = solved(pad("cauchy_xz", 10, 10, 5, down=0.3))
+    """In an accepted answer too: shear that is zero by symmetry, with a bar of 0.0004 N/cm^2."""
+    states, found = solved(pad("cauchy_xz", 10, 10, 5, down=0.1), *lattice([9, 9, 9]))
     assert states.verdict == "accepted" and abs(found.last()["stress"]) < found.bar("stress")
     assert states.reasons == ["smaller than the error bar, and so possibly zero: stress"]
     assert not any("zero" in text for text in states.warnings)
@@ -592,7 +592,7 @@ CASES: dict[str, tuple[str, Any, str, Any, Any]] = {
     "ellipticity, nodal integration": (
         "muscle_fibers", (*SMALL_MUSCLE, "geometry.source=[5,5,9]", "scene.method=rkpm-scni",
                           "approximation.order=1", "approximation.support=2"),
-        "doubtful", ("loses ellipticity at", "J at points differs"), None,
+        "doubtful", ("loses ellipticity at", "J at points differs", "stress_xz differs"), None,
     ),
     "ended early": (
         "shear_2d", ("load.steps=2", "load.max_halvings=0", "solver.max_iterations=3"), "refused",
