@@ -64,7 +64,8 @@ pure integer function derivative_count(nd)
 end function derivative_count
 
 !> Evaluate all shape functions at all positions
-subroutine new_shape(self, approximation, source, support, place, error, first, plain, margin)
+recursive subroutine new_shape(self, approximation, source, support, place, error, first, plain, &
+   & margin)
    type(shape_type), intent(out) :: self
    !> Order, kernel and window
    type(approximation_type), intent(in) :: approximation
@@ -82,13 +83,64 @@ subroutine new_shape(self, approximation, source, support, place, error, first, 
    !> Layers of points beyond the sides of a lattice, for which source points stand
    type(margin_type), intent(in), optional :: margin
    type(shape_type) :: wide
+   integer, allocatable :: example(:), powers(:, :)
+   logical, allocatable :: singular(:)
+   integer :: ip, is, nb
 
-   if (.not. present(margin)) then
-      call evaluate(self, approximation, source, support, place, error, first, plain)
+   if (present(margin)) then
+      call new_shape(wide, approximation, margin%point, margin%support, place, error, first, plain)
+      if (.not. allocated(error)) call fold(self, wide, margin, size(source, 2))
       return
    end if
-   call evaluate(wide, approximation, margin%point, margin%support, place, error, first, plain)
-   if (.not. allocated(error)) call fold(self, wide, margin, size(source, 2))
+   if (approximation%order < 0 .or. approximation%order > max_order) then
+      call fatal_error(error, err_input, 'order of the basis must lie in 0..' &
+         & //to_text(max_order)//', not '//to_text(approximation%order))
+      return
+   end if
+   self%nd = size(source, 1)
+   self%nq = derivative_count(self%nd)
+   if (present(first)) self%nq = merge(1 + self%nd, self%nq, first)
+   if (present(plain)) self%nq = merge(1, self%nq, plain)
+   self%np = size(place, 2)
+   self%ns = size(source, 2)
+   if (approximation%window == window_polar) then
+      call find_neighbours(self%neighbour, polar(source), angular(source, support), polar(place), &
+         & window_product, error)
+      if (allocated(error)) return
+      ! supports along circles also determine the radius
+      call find_stencils(self, approximation, polar(source), support, polar(place), example)
+   else
+      call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
+      if (allocated(error)) return
+      call find_stencils(self, approximation, source, support, place, example)
+   end if
+
+   nb = basis_size(self%nd, approximation%order)
+   allocate (powers(3, nb), self%first(size(example) + 1), singular(size(example)))
+   call basis_powers(self%nd, approximation%order, powers)
+   self%first(1) = 0
+   do is = 1, size(example)
+      self%first(is + 1) = self%first(is) + self%count(example(is))
+   end do
+   allocate (self%value(self%nq, self%first(size(example) + 1)))
+   !$omp parallel do default(none) schedule(dynamic, 16) private(is, ip) &
+   !$omp shared(self, approximation, powers, example, source, support, place, singular)
+   do is = 1, size(example)
+      ip = example(is)
+      associate (neighbours => self%neighbour%index(self%neighbour%offset(ip) + 1: &
+         & self%neighbour%offset(ip + 1)))
+         call shape_at_place(approximation, powers, source, support, neighbours, place(:, ip), &
+            & self%value(:, self%first(is) + 1:self%first(is + 1)), singular(is))
+      end associate
+   end do
+   !$omp end parallel do
+   is = findloc(singular, .true., dim=1)
+   if (is > 0) then
+      call singular_error(approximation%order, nb, source, place(:, example(is)), example(is), &
+         & self%count(example(is)), error)
+      return
+   end if
+   if (approximation%window == window_polar) call turn_stencils(self, place, example)
 end subroutine new_shape
 
 !> Add the functions of points beyond the sides to those of the source points that stand for them
@@ -214,77 +266,6 @@ contains
    end subroutine gather
 
 end subroutine fold
-
-!> Evaluate the functions of points as they are
-subroutine evaluate(self, approximation, source, support, place, error, first, plain)
-   type(shape_type), intent(out) :: self
-   !> Order, kernel and window
-   type(approximation_type), intent(in) :: approximation
-   !> Source points, shape (nd, ns) [length]
-   real(wp), intent(in) :: source(:, :)
-   !> Support of each source point, shape (nd, ns) [length]
-   real(wp), intent(in) :: support(:, :)
-   !> Positions, shape (nd, np) [length]
-   real(wp), intent(in) :: place(:, :)
-   type(error_type), allocatable, intent(out) :: error
-   !> First derivatives only, which take a third of the time
-   logical, intent(in), optional :: first
-   !> Values only
-   logical, intent(in), optional :: plain
-   integer, allocatable :: example(:), powers(:, :)
-   logical, allocatable :: singular(:)
-   integer :: ip, is, nb
-
-   if (approximation%order < 0 .or. approximation%order > max_order) then
-      call fatal_error(error, err_input, 'order of the basis must lie in 0..' &
-         & //to_text(max_order)//', not '//to_text(approximation%order))
-      return
-   end if
-   self%nd = size(source, 1)
-   self%nq = derivative_count(self%nd)
-   if (present(first)) self%nq = merge(1 + self%nd, self%nq, first)
-   if (present(plain)) self%nq = merge(1, self%nq, plain)
-   self%np = size(place, 2)
-   self%ns = size(source, 2)
-   if (approximation%window == window_polar) then
-      call find_neighbours(self%neighbour, polar(source), angular(source, support), polar(place), &
-         & window_product, error)
-      if (allocated(error)) return
-      ! supports along circles also determine the radius
-      call find_stencils(self, approximation, polar(source), support, polar(place), example)
-   else
-      call find_neighbours(self%neighbour, source, support, place, approximation%window, error)
-      if (allocated(error)) return
-      call find_stencils(self, approximation, source, support, place, example)
-   end if
-
-   nb = basis_size(self%nd, approximation%order)
-   allocate (powers(3, nb), self%first(size(example) + 1), singular(size(example)))
-   call basis_powers(self%nd, approximation%order, powers)
-   self%first(1) = 0
-   do is = 1, size(example)
-      self%first(is + 1) = self%first(is) + self%count(example(is))
-   end do
-   allocate (self%value(self%nq, self%first(size(example) + 1)))
-   !$omp parallel do default(none) schedule(dynamic, 16) private(is, ip) &
-   !$omp shared(self, approximation, powers, example, source, support, place, singular)
-   do is = 1, size(example)
-      ip = example(is)
-      associate (neighbours => self%neighbour%index(self%neighbour%offset(ip) + 1: &
-         & self%neighbour%offset(ip + 1)))
-         call shape_at_place(approximation, powers, source, support, neighbours, place(:, ip), &
-            & self%value(:, self%first(is) + 1:self%first(is + 1)), singular(is))
-      end associate
-   end do
-   !$omp end parallel do
-   is = findloc(singular, .true., dim=1)
-   if (is > 0) then
-      call singular_error(approximation%order, nb, source, place(:, example(is)), example(is), &
-         & self%count(example(is)), error)
-      return
-   end if
-   if (approximation%window == window_polar) call turn_stencils(self, place, example)
-end subroutine evaluate
 
 !> Give each position its own derivatives: those of polar stencils turn with the position
 subroutine turn_stencils(self, place, example)
