@@ -276,15 +276,13 @@ subroutine shape_at(self, place, shape, error, first, plain)
    !> Values only
    logical, intent(in), optional :: plain
 
-   type(margin_type) :: margin
+   type(margin_type), allocatable :: margin
 
-   if (.not. self%runs_out()) then
-      call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, &
-         & first, plain)
-      return
+   if (self%runs_out()) then
+      allocate (margin)
+      call new_margin(margin, self%cloud%lattice, self%cloud%source, self%support, &
+         & self%approximation%kink_axis, self%approximation%kink)
    end if
-   call new_margin(margin, self%cloud%lattice, self%cloud%source, self%support, &
-      & self%approximation%kink_axis, self%approximation%kink)
    call new_shape(shape, self%approximation, self%cloud%source, self%support, place, error, first, &
       & plain, margin)
 end subroutine shape_at

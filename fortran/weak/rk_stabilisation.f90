@@ -138,7 +138,7 @@ subroutine share_bulk(mixture, cells, nc, everywhere, local, projected, whole, s
       end associate
    end do
    allocate (whole(size(projected)), source=1.0_wp)
-   if (.not. everywhere .or. cells%smoothed) return
+   if (cells%smoothed) return
    do g = 1, size(projected)
       associate (first => cells%first(g) + 1, last => cells%first(g + 1))
          if (minval(bulk(first:last)) > 0.0_wp) whole(g) = 1.0_wp + sum(cells%weight(first:last) &
