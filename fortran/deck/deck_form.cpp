@@ -13,61 +13,22 @@ namespace rk {
 constexpr int first_cells[] = {8, 8, 6}, most_first_cells[] = {64, 64, 24};
 // Default error aimed at by the search
 constexpr double usual_accuracy = 0.02;
-// Points this close to a surface, relative to the size of the body, lie on it
-constexpr double on_surface_tolerance = 1e-9;
-
-static bool on_surface(const Section &geometry, const Value &point) {
-   const auto number = [&](const char *key) {
-      const Value *value = geometry.find(key);
-      return value && value->is_number() ? value->number() : 0.0;
-   };
-   const auto meets = [](double x, double wall, double size) {
-      return std::abs(x - wall) <= on_surface_tolerance * size;
-   };
-   const double x = point.items[0].number(), y = point.items[1].number();
-   if (geometry.text("kind") == "annulus") {
-      const double outer = number("outer_radius"), r = std::hypot(x, y);
-      return meets(x, 0.0, outer) || meets(y, 0.0, outer) || meets(r, outer, outer) ||
-             meets(r, number("inner_radius"), outer);
-   }
-   const Value *size = geometry.find("size");
-   if (!size || size->items.size() != 2)
-      return false;
-   const double width = size->items[0].number(), height = size->items[1].number();
-   return meets(x, 0.0, width) || meets(x, width, width) || meets(y, 0.0, height) ||
-          meets(y, height, height);
-}
 
 static bool plane_gauss(const Deck &deck) {
    return deck.word("scene", "method") == "rkpm-gauss" && deck.dimension() == 2;
 }
 
-// Points across the wall of an annulus that a basis of order 2 needs
-static bool quadratic_wall(const Section &geometry) {
-   const Value *source = geometry.find("source");
-   return geometry.text("kind") == "annulus" && source && source->items.size() == 2 &&
-          source->items[0].number() >= 3.0 && source->items[1].number() >= 3.0;
-}
-
-// A basis of order 1 has a boundary layer of stress: the tube's radial stress at its wall is 10 %
-// off where order 2 is 0.3 % off. Its forces need eight times as many points for the same error. In
-// space the cost of order 2 exceeds its benefit.
+// With a basis of order 1 the forces of annuli need eight times as many points for the same error.
+// It needs three points across the wall. In boxes functions of order 1 run out as parabolas at the
+// sides, and order 2 gains nothing.
 static bool asks_order_two(Deck &deck) {
    const Section *geometry = deck.single("geometry");
-   if (!plane_gauss(deck) || !geometry || deck.value("approximation", "order") ||
-       deck.value("approximation", "support"))
+   if (!plane_gauss(deck) || !geometry || geometry->text("kind") != "annulus" ||
+       deck.value("approximation", "order") || deck.value("approximation", "support"))
       return false;
-   if (quadratic_wall(*geometry))
-      return true;
-   for (Section *probe : deck.entries("probe")) {
-      const std::string quantity = probe->text("quantity");
-      const Value *point = probe->find("point");
-      const bool stress = quantity.compare(0, 6, "cauchy") == 0 || quantity == "pressure" ||
-                          quantity == "principal_max";
-      if (stress && point && point->items.size() == 2 && on_surface(*geometry, *point))
-         return true;
-   }
-   return false;
+   const Value *source = geometry->find("source");
+   return source && source->items.size() == 2 && source->items[0].number() >= 3.0 &&
+          source->items[1].number() >= 3.0;
 }
 
 // Such a basis needs a wider and smoother kernel: with support 2.5 and the cubic spline there are

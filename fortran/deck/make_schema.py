@@ -41,8 +41,8 @@ EXPRESSIONS = {
 }
 # Facts that deck_form.cpp derives besides the form, for conditions, in words for the reference
 FACTS = {
-    "order_two": "plane `rkpm-gauss` scenes that give neither order nor support, if they are annuli "
-    "of at least 3 points each way or have a probe of a stress on the surface",
+    "order_two": "annuli of at least 3 points each way by `rkpm-gauss` that give neither order nor "
+    "support",
     "plane_quadratic": "plane `rkpm-gauss` scenes of order 2 without support",
     "points_chosen": "a deck for whose probes MyoRK chooses source points, without pressures, "
     "tendons, prescribed displacements of parts of sides, `penalty` and `direct_limit`",

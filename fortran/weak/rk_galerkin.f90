@@ -98,8 +98,6 @@ module rk_galerkin
       procedure :: constant_product, material_at
    end type galerkin_problem
 
-   !> Source points across four groups of two spacings each, the least for curvature in boxes
-   integer, parameter :: least_across = 9
    !> That penalty relative to the shear modulus [-]
    real(wp), parameter :: firm = 1.0e4_wp
 
@@ -625,20 +623,17 @@ subroutine extrapolate(self, stage)
    call self%matrix%pressures%extrapolate(pressure, stage%share)
 end subroutine extrapolate
 
-!> Whether pressures are written with their curvature: where the strains are equally accurate. On
-!> walls of annuli those of box windows are not, and the errors of both cancel without it; in 3D,
-!> two groups across a twisted bar left its stress off by 0.3. Pressures of different tissues have
-!> no common curvature. Fewer than four groups across a box do not determine it: the outermost fiber
-!> of a clamped beam of 17x5 points was 3.4 % off, without it 2.2 %; walls of tubes gain from two.
+!> Whether pressures are written with their curvature: in annuli, where the strains are equally
+!> accurate. With box windows those of walls are not, and the errors of both cancel without it; in
+!> 3D, two groups across a twisted bar left its stress off by 0.3. Pressures of different tissues
+!> have no common curvature.
 logical function curved(self)
    class(galerkin_problem), intent(in) :: self
 
    associate (scene => self%scene)
-      curved = scene%cloud%nd == 2 .and. scene%approximation%order == 2 &
-         & .and. (.not. scene%cloud%polar .or. scene%approximation%window == window_polar) &
-         & .and. .not. self%cells%smoothed .and. size(scene%tissue) == 1
-      if (curved .and. .not. scene%cloud%polar .and. allocated(scene%cloud%lattice)) &
-         & curved = minval(scene%cloud%lattice) >= least_across
+      curved = scene%cloud%polar .and. scene%approximation%window == window_polar &
+         & .and. scene%approximation%order == 2 .and. .not. self%cells%smoothed &
+         & .and. size(scene%tissue) == 1
    end associate
 end function curved
 
