@@ -48,8 +48,8 @@ def _shares(parts: int, first: int, last: int) -> list[float]:
 BODIES = {
     "cube, 30 % shorter": Part(
         (1, 1, 1), "xyz", (held("z0"), held("z1", u_z=-0.3)), (held("z1", u_z=-0.15),),
-        ("z", "z1"), "u_x", ((6, 6, 6), (12, 12, 12)), (1, 0, 0),
-        _over((1.0,), _shares(12, 0, 12), _shares(12, 0, 11)),
+        ("z", "z1"), "u_x", ((3, 3, 3), (9, 9, 9)), (1, 0, 0),
+        _over((1.0,), _shares(6, 0, 6), _shares(6, 0, 5)),
     ),
     "block 1 x 1 x 2, 30 % longer": Part(
         (1, 1, 2), "xyz", (held("z0"), held("z1", u_z=0.6)), (held("z1", u_z=0.3),),

@@ -155,7 +155,7 @@ def _variant(
         if max(np.abs(0.5 * (old + new) - middle).max(initial=0.0), moved) > 1e-9 * size:
             raise InputError(
                 f"{parameter.key}: the model does not depend linearly on it, as where groups of "
-                "cells hold tissues of several bulk moduli: a reduced model cannot vary it"
+                "cells hold tissues of several moduli: a reduced model cannot vary it"
             )
     scene = scenes[1]
     found = [*loads, *(_unit_load(scene, len(parts.weight), value) for value in extra)]
