@@ -344,7 +344,7 @@ def _set(what: str) -> _Option:
 
 
 def _seed(start: int = 0) -> _Option:
-    return _option("--seed", "S", "seed of the random numbers", int, default=start)
+    return _option("--seed", "S", "random seed", int, default=start)
 
 
 # fmt: off
@@ -378,7 +378,7 @@ class _Command(NamedTuple):
     what: str
     examples: str
     options: tuple[_Option, ...] = ()
-    out: str = "folder of the results"  #: Empty where there is no such option
+    out: str = "folder for the results"  #: Empty where there is no such option
     default: str = "out/<deck>"
 
 
@@ -462,7 +462,7 @@ _COMMANDS = {
     ),
     "rom": _Command(
         _station("rom:run_rom", "reduced models in {out}"),
-        "make reduced models from the states of a solve; errors and timings against the full model",
+        "make reduced models from the states of a solve; errors and times against the full model",
         "  myork rom inputs/muscle_block.toml\n"
         "  myork rom inputs/muscle_block.toml --set rom.modes=[1,2,10]\n"
         "  myork rom train --help    models for any values of parameters; also solve, map, check",
@@ -478,8 +478,8 @@ _COMMANDS = {
             _vary("LOW:HIGH", "parameter with its range, such as load.activation=0:1"),
             _option("-o --output", "FILE", "file to write the model to", Path),
             _option("--tolerance", "TOLERANCE", "target relative error", float, default=1e-3),
-            _option("--full-solves", "N", "largest number of full solves", int, default=60),
-            _option("--tests", "N", "additional full solves that test the model", int, default=16),
+            _option("--full-solves", "N", "maximum number of full solves", int, default=60),
+            _option("--tests", "N", "additional full solves to test the model", int, default=16),
             _seed(),
         ),
     ),
@@ -507,7 +507,7 @@ _COMMANDS = {
         "  myork rom check block.rom.h5 --points 20 --out out/block",
         (
             _FILE,
-            _option("--points", "N", "full solves", _THREADS, default=20),
+            _option("--points", "N", "number of full solves", _THREADS, default=20),
             _seed(1),
         ),
         default="out/<model>",
@@ -525,10 +525,10 @@ _COMMANDS = {
                 "...",
                 "LOW:HIGH:N for a grid, a,b,c for a list, lhs(LOW,HIGH) for samples",
             ),
-            _option("--samples", "N", "samples; default 32", int, default=32),
+            _option("--samples", "N", "number of samples; default 32", int, default=32),
             _seed(),
-            _option("--workers", "N", "processes; default all cores", _THREADS),
-            _option("--dask", "ADDRESS", "scheduler of Dask, or local"),
+            _option("--workers", "N", "number of processes; default all cores", _THREADS),
+            _option("--dask", "ADDRESS", "address of a Dask scheduler, or local"),
             _option("--model", "FILE", "reduced model (.rom.h5) to use instead of the deck", Path),
             _flag("--dry-run", "print what would be solved and its estimated cost, and exit"),
         ),
@@ -543,7 +543,7 @@ _COMMANDS = {
         (
             _FILE,
             _option(
-                "--port", "N", "port of this machine; default a free one", _whole(0, 65535),
+                "--port", "N", "local port; default a free one", _whole(0, 65535),
                 default=0,
             ),
             _flag("--no-browser", "print the address without opening a browser"),
@@ -604,7 +604,7 @@ _COMMANDS = {
         "check a deck: tangent, material curves, fibers, balance, restart",
         "  myork check inputs/muscle_block.toml\n  myork check deck.toml --quick",
         (*_DECK, _flag("--quick", "skip the checks that solve the deck")),
-        "folder of check.json, in which the model file is looked for first", "out/<deck>",
+        "folder for check.json, where the model file is looked up first", "out/<deck>",
     ),
     "new": _Command(
         _call("stations.new:new_deck", "deck: {found}", "kind", "output"),
