@@ -67,7 +67,7 @@ module rk_galerkin
       type(recovery_type) :: recovery
       !> Stress on free faces; not allocated where the form needs no correction
       type(free_faces_type), allocatable :: faces
-      !> Stress on walls; not allocated if supports do not improve it
+      !> Stress on walls of annuli; not allocated if supports do not improve it
       type(walls_type), allocatable :: walls
       !> Part of the bulk modulus that acts at each collocation and integration point, shape
       !> (nc + np), and that which acts on the projected volume ratio, shape (groups) [stress]
@@ -171,8 +171,7 @@ subroutine new_galerkin(self, scene, error)
       call new_free_faces(self%faces, scene, error)
    end if
    if (allocated(error)) return
-   if (allocated(self%pressure%share) .and. allocated(scene%cloud%lattice) &
-      & .and. .not. (self%linear .or. allocated(scene%motion) &
+   if (allocated(self%pressure%share) .and. .not. (self%linear .or. allocated(scene%motion) &
       & .or. self%mixture%activation_jumps())) then
       allocate (self%walls)
       call new_walls(self%walls, scene, self%cells, self%surface, error)

@@ -1,4 +1,4 @@
-!> Stress on walls: sides of a plane lattice on which all components are constrained.
+!> Stress on walls: sides of an annulus on which all components are constrained.
 !>
 !> Support forces on the source points of a wall are as accurate as the energy; near each place a
 !> quadratic traction is fitted to them. The derivative of the displacement along the wall is the
@@ -13,7 +13,7 @@ module rk_walls
    use rk_conditions, only : conditions_at
    use rk_error, only : error_type
    use rk_free_faces, only : free_faces_type
-   use rk_lattice, only : lattice_frame, set_number
+   use rk_lattice, only : lattice_coordinates, lattice_frame, set_number
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_slides, only : moments, slides_on
@@ -103,7 +103,7 @@ subroutine new_walls(self, scene, cells, surface, error)
          n = n + 1
          self%number(i) = n
          wall(i) = findloc(here .and. self%side, .true., dim=1)
-         self%normal(:2, n) = outward(cloud%polar, wall(i), place(:, i))
+         self%normal(:2, n) = outward(wall(i), place(:, i))
          call set_slope(scene, cells, wall(i), place(:, i), self%normal(:2, n), &
             & self%slope(:, :, n), error)
          if (allocated(error)) return
@@ -148,11 +148,9 @@ contains
       real(wp) :: at(2)
       integer :: d
 
-      at = x
-      if (scene%cloud%polar) at = [norm2(x), atan2(x(2), x(1))]
+      at = lattice_coordinates(scene%cloud, x)
       d = (side + 1)/2
-      if (set_number(scene%cloud%polar, d, 1) == side) at(d) = at(d) - (scene%cloud%lattice(d) &
-         & - 1)*step(d)
+      if (set_number(.true., d, 1) == side) at(d) = at(d) - (scene%cloud%lattice(d) - 1)*step(d)
       meets = abs(at(d) - low(d)) <= on_side*step(d)
    end function meets
 
@@ -183,9 +181,7 @@ pure integer function mirrored(scene, cells, surface, side, slope) result(i)
 end function mirrored
 
 !> Outward normal of a side at a place on it
-pure function outward(polar, side, x) result(normal)
-   !> Whether the sides are those of an annulus
-   logical, intent(in) :: polar
+pure function outward(side, x) result(normal)
    integer, intent(in) :: side
    real(wp), intent(in) :: x(2)
    real(wp) :: normal(2)
@@ -193,8 +189,8 @@ pure function outward(polar, side, x) result(normal)
 
    normal = 0.0_wp
    d = (side + 1)/2
-   normal(d) = merge(1.0_wp, -1.0_wp, set_number(polar, d, 1) == side)
-   if (polar) normal = matmul(reshape([x(1), x(2), -x(2), x(1)], [2, 2])/norm2(x), normal)
+   normal(d) = merge(1.0_wp, -1.0_wp, set_number(.true., d, 1) == side)
+   normal = matmul(reshape([x(1), x(2), -x(2), x(1)], [2, 2])/norm2(x), normal)
 end function outward
 
 !> Prescribed derivatives along a wall
