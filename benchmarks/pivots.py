@@ -500,8 +500,8 @@ def _entries(quick: bool) -> Iterator[_Entry]:
             ]
             tables = {**problem.tables, "boundary": ends}
             problem = problem._replace(name="torsion by 90 degrees", tables=tables)
-        # probes at the surface make order 2 the default in the plane
-        order = 1 if len(sizes[0]) == 2 else 2
+        # the order that is not the default
+        order = 1 if problem.tables["geometry"]["kind"] == "annulus" else 2
         forms: list[Form] = [_DEFAULT, (f"order {order}", (f"approximation.order={order}",))]
         sides = _graded_sides(problem.tables)
         if sides:
