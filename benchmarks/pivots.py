@@ -96,13 +96,9 @@ def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
 # ---- trust, methods: every form on the problems of a new user ----------------------------
 
 
-def _every_form(
-    progress: ProgressCallback, quick: bool, only: Sequence[str] = ()
-) -> list[dict[str, Any]]:
+def _every_form(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     for problem in PROBLEMS[:2] if quick else PROBLEMS + BODIES:
-        if only and problem.name not in only:
-            continue
         rows += rows_of(problem, _forms_of(problem), progress, sizes=1 if quick else None)[1]
     return rows
 
@@ -418,7 +414,7 @@ class _Entry(NamedTuple):
     lines: tuple[str, ...]
 
 
-def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> dict[str, Any]:
+def _race(progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     """CPU time for a target error: MyoRK and finite elements, one after the other."""
     rows: list[dict[str, Any]] = []
     races: list[dict[str, Any]] = []
@@ -426,8 +422,6 @@ def _race(progress: ProgressCallback, quick: bool, only: Sequence[str] = ()) -> 
     # felupe imports its dependencies now: that is not part of a solution
     solve_rivals(BY_NAME["tube"]._replace(elements=((1, 4),)), silent)
     for entry in _entries(quick):
-        if only and entry.problem.name not in only:
-            continue
         truths, own = rows_of(entry.problem, entry.forms, progress, timed=True)
         rows += own
         for line in entry.lines:
@@ -587,15 +581,11 @@ def view(
     progress: ProgressCallback,
     quick: bool,
     solved: dict[Any, Any] | None = None,
-    only: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """A view of rows, which are solved if `solved` lacks them; `cases` are the rows.
-
-    All problems, or only those in `only` for `runner.OF_SOME`; see `benchmarks.bench`.
-    """
+    """A view of rows, which are solved if `solved` lacks them; see `benchmarks.bench`."""
     solve, shown = PIVOTS[name]
     solved = {} if solved is None else solved
     if solve not in solved:
-        solved[solve] = solve(progress, quick, *([only] if only else []))
+        solved[solve] = solve(progress, quick)
     rows = solved[solve]
     return rows if shown is None else {"cases": rows, **shown(rows)}

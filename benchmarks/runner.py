@@ -1,6 +1,6 @@
 """One runner: a row for each problem, form and size, with error, bar, verdict, cost and peer.
 
-    python benchmarks/runner.py NAME... [--quick] [--only PROBLEM] [--out DIR]
+    python benchmarks/runner.py NAME... [--quick] [--out DIR]
 
 solves the rows of `trust`, `methods`, `newcomer`, `certify`, `unseen`, `layers`, `maps` or `race`
 (`methods` is another view of those of `trust`), and writes `NAME.md`, a view of them, and figures
@@ -65,8 +65,6 @@ _LIMIT = 300.0
 _ENOUGH, _MOST = 1.0, 3
 _RESULTS = Path(__file__).parents[1] / "docs" / "results"
 
-#: Views that can be restricted to some problems
-OF_SOME = ("trust", "methods", "race")
 #: Tables of each module of `benchmarks/tables`
 TABLES = {
     "across": ("across",),
@@ -401,20 +399,12 @@ def main(*words: str) -> None:
     names = [*pivots.PIVOTS, *studies.STUDIES, *modules]
     parser.add_argument("names", metavar="NAME", nargs="+", choices=names)
     parser.add_argument("--quick", action="store_true", help="small cases only")
-    parser.add_argument("--only", metavar="PROBLEM", action="append", default=[],
-                        help=f"this problem of {', '.join(OF_SOME)}; may be repeated")  # fmt: skip
     parser.add_argument("--out", type=Path, default=_RESULTS, help="folder; docs/results")
     options = parser.parse_args(words)
-    if options.only and not set(options.names) <= set(OF_SOME):
-        parser.error(f"--only is for {', '.join(OF_SOME)}")
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
     for name in options.names:
-        run = (
-            studies.run
-            if name in studies.STUDIES
-            else partial(pivots.view, solved=solved, only=options.only)
-        )
+        run = studies.run if name in studies.STUDIES else partial(pivots.view, solved=solved)
         shown = run(name, print, options.quick)
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
         print(options.out / f"{name}.md")
@@ -424,7 +414,6 @@ def _markdown(name: str, shown: Mapping[str, Any], options: argparse.Namespace) 
     """A page of results."""
     about = machine()
     call = f"python benchmarks/runner.py {name}{' --quick' if options.quick else ''}"
-    call += "".join(f" --only {problem!r}" for problem in options.only)
     text, pictures = body_of(name, shown)
     for picture, drawn in pictures.items():
         drawn.savefig(options.out / picture, dpi=75)
