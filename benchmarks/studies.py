@@ -112,7 +112,7 @@ def _homogeneous(function: Callable[[exact.Polynomial, float], float], amount: f
 
 def _fixed_fibers(deck: dict[str, Any]) -> float:
     """Axial stress of a muscle block far from its fixed ends, where fibers keep their length."""
-    return exact.along_fibers(deck["material"][0], 1.0, deck["load"]["activation"])
+    return exact.along_fibers(deck["material"][0], deck["load"]["activation"])
 
 
 def _known(

@@ -54,14 +54,14 @@ def built(folder: Path, dimension: int = 3, **table: Any) -> dict[str, Any]:
 
 
 def phantom_dwi(
-    phantom: Phantom, snr: float = 25.0, directions: int = 30, b: float = 500.0, seed: int = 1
+    phantom: Phantom, snr: float = 25.0, directions: int = 30
 ) -> tuple[Image, GradientTable]:
     """Diffusion images of a phantom with Rician noise, with a tenth more without gradient."""
     still = max(1, directions // 10)
     direction = np.vstack([np.zeros((still, 3)), even_directions(directions)])
-    table = GradientTable(np.repeat([0.0, b], [still, directions]), direction)
+    table = GradientTable(np.repeat([0.0, 500.0], [still, directions]), direction)
     signal = weighted(phantom.still.data, phantom.clean_tensor.data, table)
-    noisy = rician(signal, 400.0 / snr, np.random.default_rng(seed))
+    noisy = rician(signal, 400.0 / snr, np.random.default_rng(1))
     return Image(noisy, phantom.still.affine, "dwi"), table
 
 

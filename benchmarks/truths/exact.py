@@ -194,21 +194,19 @@ def homogeneous(material: Polynomial, held: Sequence[float]) -> tuple[F64, F64]:
     return lam, sigma + pressure
 
 
-def along_fibers(table: Mapping[str, Any], stretch: float, activation: float) -> float:
-    """Cauchy stress along the fibers of a muscle with stress-free sides.
+def along_fibers(table: Mapping[str, Any], activation: float) -> float:
+    """Cauchy stress along the fibers of a muscle that keep their length, with stress-free sides.
 
     - `table`: table `[[material]]` of a deck, with a finite bulk modulus
-    - `stretch`: stretch of the fibers [-]
     - `activation`: activation [-]
     - returns stress [stress]
     """
     material = Material.of_table(table)
 
     def cauchy(free: float) -> Any:
-        f = np.diag([stretch, free, free])
+        f = np.diag([1.0, free, free])
         p = stress(material, f[np.newaxis], fiber=(1.0, 0.0, 0.0), activation=activation)[0]
         return p @ f.T / np.linalg.det(f)
 
-    middle = stretch**-0.5
-    free = brentq(lambda b: cauchy(b)[1, 1], 0.8 * middle, 1.2 * middle, xtol=1e-15)
+    free = brentq(lambda b: cauchy(b)[1, 1], 0.8, 1.2, xtol=1e-15)
     return float(cauchy(free)[0, 0])

@@ -100,6 +100,9 @@ MAKERS: dict[str, tuple[str, Writer]] = {
     "standard elements": ("SIEMENS", standard),
 }
 
+#: Distance of rows, columns and slices [mm]
+_SPACING = (2.0, 1.5, 5.0)
+
 
 def stack(
     folder: Path,
@@ -107,7 +110,6 @@ def stack(
     axes: F64,
     *,
     maker: str = "Siemens",
-    spacing: Sequence[float] = (2.0, 1.5, 5.0),
     first: Sequence[float] = (-10.0, -20.0, 0.0),
     number: int = 1,
     weighting: GradientTable | None = None,
@@ -118,7 +120,6 @@ def stack(
     - `values`: shape `(nrow, ncolumn, nslice, nvolume)`, or without the last axis
     - `axes`: directions of rows, columns and slices in DICOM's world, as columns, shape `(3, 3)`
     - `maker`: one of `MAKERS`
-    - `spacing`: distance of rows, columns and slices, shape `(3,)` [mm]
     - `first`: position of the first pixel in DICOM's world, shape `(3,)` [mm]
     - `number`: number of the series
     - `weighting`: b values and directions of the volumes, in the world of this package
@@ -130,10 +131,10 @@ def stack(
     rows, columns, slices, count = volumes.shape
     for volume, k in np.ndindex(count, slices):
         data = mr_file(name, uid, number, slices * volume + k + 1, rows, columns, **elements)
-        data.PixelSpacing = list(spacing[:2])
-        data.SliceThickness = data.SpacingBetweenSlices = spacing[2]
+        data.PixelSpacing = list(_SPACING[:2])
+        data.SliceThickness = data.SpacingBetweenSlices = _SPACING[2]
         data.ImageOrientationPatient = [*axes[:, 0], *axes[:, 1]]
-        data.ImagePositionPatient = list(axes[:, 2] * spacing[2] * k + first)
+        data.ImagePositionPatient = list(axes[:, 2] * _SPACING[2] * k + first)
         if weighting is not None:
             write(data, float(weighting.b[volume]), weighting.direction[volume])
         data.PixelData = np.rint(volumes[..., k, volume]).astype(np.uint16).tobytes()
@@ -149,10 +150,10 @@ def weighted(still: F64, tensor: F64, table: GradientTable) -> F64:
     return np.asarray(still[..., np.newaxis] * np.exp(-tensor @ table.design().T))
 
 
-def gradient_table(directions: int, b: float = 500.0) -> GradientTable:
+def gradient_table(directions: int) -> GradientTable:
     """An image without gradient followed by evenly spread directions."""
     vectors = np.vstack([np.zeros(3), even_directions(directions)])
-    return GradientTable(np.array([0.0, *[b] * directions]), vectors)
+    return GradientTable(np.array([0.0, *[500.0] * directions]), vectors)
 
 
 def reordered(

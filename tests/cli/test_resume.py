@@ -120,7 +120,7 @@ def test_every_form_is_resumed(tmp_path, write_deck, name):
     run(deck, tmp_path / "whole")
     for number in (signal.SIGKILL, signal.SIGTERM):
         out = tmp_path / number.name
-        stop_behind(start(deck, out), 3, number)
+        stop_behind(start(deck, out), number)
         assert "resumed after load step" in run(deck, out, "--resume")
         assert_equal(out, tmp_path / "whole")
 
@@ -239,7 +239,7 @@ def test_a_run_that_began_loaded_is_resumed(tmp_path, write_deck, number):
     begin = ("--start-from", str(tmp_path / "first"))
     run(deck, tmp_path / "whole", *begin)
     out = tmp_path / "out"
-    stop_behind(start(deck, out, *begin), 3, number)
+    stop_behind(start(deck, out, *begin), number)
     assert "resumed after load step" in run(deck, out, "--resume")
     assert_equal(out, tmp_path / "whole")
 
@@ -278,7 +278,7 @@ def test_points_that_were_refined_are_not_searched_again(tmp_path, write_deck):
     said = run(deck, tmp_path / "whole")
     assert "refine 2:" in said and "the target error of 1 % is" in said
     out = tmp_path / "killed"
-    stop_behind(start(deck, out), 3)
+    stop_behind(start(deck, out))
     said = run(deck, out, "--resume")
     assert "refine 1:" not in said and "resumed after load step" in said
     assert "the points of the run that is resumed" in said

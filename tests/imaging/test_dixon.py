@@ -40,12 +40,12 @@ def legs(times, strength, *, snr=25.0, turns=1.4, seed=1, rim=5.0):
     return echoes, water, fat, phase
 
 
-def decayed(times, strength, *, snr=25.0, hertz=60.0, decay=(30.0, 60.0), rim=5.0, seed=1):
+def decayed(times, strength, *, snr=25.0, hertz=60.0, rim=5.0, seed=1):
     """Echoes of the legs with decaying water and fat [1/s] in an uneven field; truth of all."""
     _, water, fat, _ = legs(None, 0.0, rim=rim)
     i, j, k = np.indices(water.shape)
     turn = 2e-3 * np.pi * hertz * (i / 70.0 - 1.0 + 0.5 * np.sin(j / 14.0) + 0.1 * k)
-    rate = (decay[0] * water + decay[1] * fat) / np.maximum(water + fat, 1e-9)
+    rate = (30.0 * water + 60.0 * fat) / np.maximum(water + fat, 1e-9)
     random = np.random.default_rng(seed)
     echoes = [
         (water + c * fat) * np.exp((1j * turn - 1e-3 * rate) * time + 1j * (0.05 * i - 0.02 * j))

@@ -115,9 +115,9 @@ def test_weight_of_a_voxel_counts_it_so_often():
     np.testing.assert_allclose(twice, evolve(u, u - 0.5, lambdas=[[2.0, 2.0]], **keys)["phi"])
 
 
-def disc(n=64, radius=18.0, noise=0.0, seed=5):
-    inside = np.hypot(*centred(n, n, 1)[:2]) < radius
-    random = np.random.default_rng(seed)
+def disc(noise=0.0):
+    inside = np.hypot(*centred(64, 64, 1)[:2]) < 18.0
+    random = np.random.default_rng(5)
     u = np.where(inside, 0.3, 0.7) + random.normal(0, noise, inside.shape)
     return Image(u, np.eye(4), "disc"), inside
 

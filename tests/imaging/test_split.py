@@ -31,9 +31,9 @@ SPACING = np.array([1.5, 1.5, 6.0])
 AFFINE = np.diag([*SPACING, 1.0])
 
 
-def leg(slices=3, seed=0, gap=4):
+def leg(slices=3):
     """Muscle in fat of the same grey, separated by a dark line of a pixel or two with gaps of
-    `gap`, and a bone in it; shading by a factor of three across, noise of a fortieth.
+    four, and a bone in it; shading by a factor of three across, noise of a fortieth.
     """
     i, j, k = np.indices((84, 84, slices)) - np.reshape([41.5, 41.5, 0], (3, 1, 1, 1))
     r, angle, bone = np.hypot(i - k, j), np.arctan2(j, i - k), np.hypot(i - k, j - 6)
@@ -42,12 +42,12 @@ def leg(slices=3, seed=0, gap=4):
     grey = np.choose(here, [0.0, 1.0, 1.0, 0.7])
     line = np.abs(r - edge) < 0.9
     for start in (0.3, 2.0, -1.5):  # gaps
-        line &= np.abs(angle - start) * 27 > gap / 2
+        line &= np.abs(angle - start) * 27 > 2
     grey[line & (here > 0)] *= 0.45
     grey[(bone < 9) & (here == 1)] = 0.1
     here[bone < 9] = 3
     grey *= np.exp(0.55 * (i + 0.5 * j) / 41.5)
-    image = 400 * np.abs(grey + np.random.default_rng(seed).normal(0, 1 / 40, grey.shape))
+    image = 400 * np.abs(grey + np.random.default_rng(0).normal(0, 1 / 40, grey.shape))
     return Image(image, AFFINE, "leg"), here.astype(np.int32)
 
 
@@ -62,9 +62,9 @@ RULES = [
 ]
 
 
-def walked(image, truth, rules, radius=4.0, weight=20.0):
+def walked(image, truth, rules, weight=20.0):
     region = np.where(truth > 0, 0, -1).astype(np.int32)
-    where, known = rule_seeds(region, image, rules, radius)
+    where, known = rule_seeds(region, image, rules, 4.0)
     heights = heights_of(image.data, truth > 0)
     return random_walk(heights, where, known, image.spacing, weight)
 

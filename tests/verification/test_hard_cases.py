@@ -107,7 +107,7 @@ def test_full_activation_in_one_step(inputs: Path, form: str, stiff: str) -> Non
     found = solved(inputs / "muscle_block.toml", *words, error=True)
     law, doubt = read_deck("muscle_block", stiffer)["material"][0], MUSCLES[form, stiff]
     stray = 0.15 if doubt and form == "rkpm-scni" else 0.05
-    check(found, along_fibers(law, 1.0, 1.0), doubt=doubt, stray=stray)
+    check(found, along_fibers(law, 1.0), doubt=doubt, stray=stray)
 
 
 @pytest.mark.parametrize(("form", "height", "source"), [

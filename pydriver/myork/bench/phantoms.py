@@ -119,18 +119,17 @@ def labelled(muscle: Muscle) -> tuple[Labels, Image]:
     return Labels(label, affine, phantom.tissue.names, muscle.name), Image(fiber, affine)
 
 
-def gastrocnemius(block: int, fiber: ArrayLike | None = None) -> PointCloud:
+def gastrocnemius(fiber: ArrayLike | None = None) -> PointCloud:
     """Points of the phantom's medial gastrocnemius, for the deck `GASTROCNEMIUS`.
 
-    `block` is the number of pixels along the edge of a block; `fiber` is one direction for all
-    fibers, shape `(3,)`, by default the fibers of the phantom.
+    `fiber` is one direction for all fibers, shape `(3,)`, by default the fibers of the phantom.
     """
     phantom = make_phantom()
     fibers = phantom.fiber
     if fiber is not None:
         one = np.where(phantom.truth.data[..., np.newaxis] == 1, np.asarray(fiber), 0.0)
         fibers = Image(one, fibers.affine)
-    return strided_cloud(phantom.truth, fibers, (block, block, 1), ids=[1])
+    return strided_cloud(phantom.truth, fibers, (4, 4, 1), ids=[1])
 
 
 def inclined(mean: NDArray[Any], angle: float) -> NDArray[Any]:

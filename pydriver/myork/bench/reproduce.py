@@ -171,10 +171,10 @@ def _aged(run: Run, progress: ProgressCallback) -> Record:
 
 def _fibers(run: Run, progress: ProgressCallback) -> Record:
     """A gastrocnemius with its fibers, or with one direction at an angle [degree] to the axis."""
-    cloud = gastrocnemius(4)
+    cloud = gastrocnemius()
     if run.more != "measured":
         mean = cloud.fiber[cloud.label == 1].mean(axis=0)
-        cloud = gastrocnemius(4, inclined(mean / np.linalg.norm(mean), float(str(run.more))))
+        cloud = gastrocnemius(inclined(mean / np.linalg.norm(mean), float(str(run.more))))
     return solved(GASTROCNEMIUS, ("load.steps=5", *run.overrides), cloud=cloud)
 
 

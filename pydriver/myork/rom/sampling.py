@@ -18,6 +18,8 @@ from myork.types import F64, I64
 SKETCH_ROWS = 900
 #: Part of the tolerance for the displacement error of the cell sample, averaged over the states
 _CELL_SHARE = 0.55
+#: Largest number of cells
+_MOST_CELLS = 400
 #: States count as no smaller than this share of the largest
 _LEAST = 0.1
 
@@ -42,7 +44,6 @@ def sample_cells(
     amplitudes: F64,
     tolerance: float,
     seed: int,
-    most: int,
 ) -> tuple[I64, F64, float]:
     """Cells and weights that reproduce the amplitudes, to `tolerance` relative to each state.
 
@@ -64,7 +65,7 @@ def sample_cells(
         rows += random.standard_normal((SKETCH_ROWS, r)) @ step / np.sqrt(SKETCH_ROWS)
     # scaled to the equations of all states: the target has unit size per state
     volume = model.cells.weight / model.cells.weight.sum() * np.sqrt(len(seen))
-    return few_cells(np.vstack([rows, volume]), _CELL_SHARE * tolerance, most)
+    return few_cells(np.vstack([rows, volume]), _CELL_SHARE * tolerance, _MOST_CELLS)
 
 
 def force_lifts(model: Model, setting: Setting, values: F64, amplitudes: F64) -> F64:

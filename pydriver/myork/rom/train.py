@@ -61,8 +61,6 @@ _FINER = (1.0, 0.5)
 VIRTUAL = 96
 #: Tolerance of the cells of the error estimate relative to the model's: errors must not coincide
 _ESTIMATE = 0.7
-#: Largest number of cells
-_MOST_CELLS = 400
 
 
 def train(
@@ -483,8 +481,8 @@ def finish(
     at = np.vstack([known.values[some], values[good]])
     where = np.vstack([amplitudes[some], np.zeros((int(good.sum()), m))])
     where[len(some) :, :r] = answer.amplitudes[good]
-    kept = sample_cells(model, setting, at, where[:, :r], tolerance, seed, _MOST_CELLS)
-    more = sample_cells(finer, setting, at, where, _ESTIMATE * tolerance, seed, _MOST_CELLS)
+    kept = sample_cells(model, setting, at, where[:, :r], tolerance, seed)
+    more = sample_cells(finer, setting, at, where, _ESTIMATE * tolerance, seed)
     progress(
         f"{len(kept[0])} of {len(setting.parts.weight)} cells (residual {kept[2]:.1e}), "
         f"{len(more[0])} for the estimate of the error"

@@ -232,7 +232,7 @@ def _doubts(shown: Image, body: Mask, inner: Mask, fat: Mask, bone: Mask) -> lis
             )
     if mixed := doubt_of_mixture(shown.data, fat, muscle):
         found.append(f"fat {mixed}")
-    other = _phase(shown, inner, "bright")
+    other = _bright(shown, inner)
     alike = min(dice(other, fat), dice(inner & ~other, muscle))
     if alike < _ALIKE:
         found.append(
@@ -276,7 +276,7 @@ def outer_boundary(anatomy: Image) -> Mask:
     # in square roots muscle is closer to fat than to air
     even = replace(anatomy, data=np.sqrt(np.maximum(anatomy.data, 0.0)))
     seen = np.broadcast_to(seen_slices(anatomy.data), anatomy.data.shape)
-    inside = _phase(even, seen, "bright")
+    inside = _bright(even, seen)
     slices = np.moveaxis(inside, -1, 0)
     body = np.stack([ndimage.binary_fill_holes(section) for section in slices], axis=-1)
     return large_pieces(body, anatomy.name)
@@ -292,7 +292,7 @@ def find_bones(anatomy: Image, body: Mask, fat: Image | None = None) -> Mask:
     fatty = anatomy
     if fat is not None:
         fatty = replace(fat, data=np.sqrt(np.maximum(fat.data * anatomy.data, 0.0)))
-    bright = _phase(fatty, body, "bright")
+    bright = _bright(fatty, body)
     dark = body & ~bright
     if not dark.any():
         return np.zeros(body.shape, dtype=bool)
@@ -343,10 +343,10 @@ def _depth(body: Mask, pixel: F64) -> F64:
     return np.where(body.all(axis=(0, 1)), np.inf, depth_in_slices(body, pixel, cut=True))
 
 
-def _phase(image: Image, region: Mask, phase: str) -> Mask:
-    """Dark or bright phase of a region, by a level set in every slice."""
+def _bright(image: Image, region: Mask) -> Mask:
+    """Bright phase of a region, by a level set in every slice."""
     grey = scaled_values(image, region)
     found = segment_regions(
         grey[..., np.newaxis], region, _PHASES, spacing=image.spacing, name=image.name
     )
-    return wanted_phase(found, grey, phase)
+    return wanted_phase(found, grey, "bright")
