@@ -1,6 +1,7 @@
 !> Common part of all discretisations of a scene: shape functions at the collocation points,
 !> conditions, and the state of the material at a place. Output and forces use nothing else.
 module rk_discretisation
+   use, intrinsic :: ieee_arithmetic, only : ieee_is_finite
    use rk_basis, only : second_index
    use rk_coefficients, only : coefficient_at, moduli
    use rk_conditions, only : boundary_type
@@ -29,6 +30,9 @@ module rk_discretisation
    real(wp), parameter :: of_motion = 1.0e-6_wp
    !> Strains above this never count as such errors [-]
    real(wp), parameter :: most_slack = 1.0e-5_wp
+   !> Stresses below this share of the strain times the shear modulus are errors of iterations: those
+   !> of a muscle that contracts freely [-]
+   real(wp), parameter :: of_strain = 1.0e-7_wp
    !> Loads whose displacements fall below this share of the largest have been removed again [-]
    real(wp), parameter :: taken_off = 0.5_wp
 
@@ -57,7 +61,7 @@ module rk_discretisation
       procedure :: strain_energy, set_point_loads
       procedure, non_overridable :: has_pressure
       procedure, non_overridable :: linear_place
-      procedure, non_overridable :: at_point, keep_places, largest_stress
+      procedure, non_overridable :: at_point, keep_places, largest_stress, negligible_stress
       procedure, non_overridable :: unstrained
    end type discretisation_type
 
@@ -443,6 +447,32 @@ subroutine largest_stress(self, state, stress, stiffness)
       stress = max(stress, maxval(abs(local%p)))
    end do
 end subroutine largest_stress
+
+!> Stress that is an error of the iteration beside the mean strain of a state; 0 in linear problems
+!> [stress]
+real(wp) function negligible_stress(self, state) result(stress)
+   class(discretisation_type), intent(in) :: self
+   type(field_state), intent(in) :: state
+   type(point_state) :: local
+   real(wp) :: h(3, 3), shear
+   integer :: i, ip
+
+   stress = 0.0_wp
+   if (self%linear) return
+   shear = maxval([(self%scene%tissue(i)%material%shear, i=1, size(self%scene%tissue))])
+   associate (cloud => self%scene%cloud)
+      do ip = 1, size(cloud%points, 2)
+         call self%at_point(state, ip, local)
+         h = matmul(transpose(local%f), local%f)
+         do i = 1, 3
+            h(i, i) = h(i, i) - 1.0_wp
+         end do
+         ! no more than a body can be sheared; J may be zero at singular corners
+         if (ieee_is_finite(norm2(h))) stress = stress + cloud%volume(ip)*min(norm2(h), 1.0_wp)
+      end do
+      stress = of_strain*shear*stress/sum(cloud%volume)
+   end associate
+end function negligible_stress
 
 !> Whether strains and stresses of a state are rounding errors: of a body at rest, or in rigid
 !> motion

@@ -33,7 +33,7 @@ subroutine set_forces(problem, state, left, largest)
    !> Norm of the sum, and largest norm, at least a share of the force inside the body [force]
    real(wp), intent(out) :: left, largest
    type(point_state) :: local
-   real(wp) :: total(3), force(3), inside
+   real(wp) :: total(3), force(3), inside, total_volume, length
    integer :: c, ip, set
 
    total = 0.0_wp
@@ -52,9 +52,11 @@ subroutine set_forces(problem, state, left, largest)
          call problem%at_point(state, ip, local)
          if (ieee_is_finite(norm2(local%p))) inside = inside + cloud%volume(ip)*norm2(local%p)
       end do
-      inside = inside/maxval(maxval(cloud%points, dim=2) - minval(cloud%points, dim=2))
+      total_volume = sum(cloud%volume)
+      length = maxval(maxval(cloud%points, dim=2) - minval(cloud%points, dim=2))
    end associate
-   largest = max(largest, no_force*inside)
+   largest = max(largest, no_force*inside/length, &
+      & problem%negligible_stress(state)*total_volume/length)
 end subroutine set_forces
 
 !> Work of the stress minus that of the forces, over the larger of the forces' work and the integral

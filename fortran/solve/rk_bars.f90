@@ -252,7 +252,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
          strains(i) = min(shear_strain(scene, i, local%cauchy), 1.0_wp)
          displacement = max(displacement, norm2(local%u))
       end do
-      stress = size_of(stresses, scene%cloud%volume)
+      stress = max(size_of(stresses, scene%cloud%volume), problem%negligible_stress(state))
       strained = size_of(strains, scene%cloud%volume)*sum(scene%cloud%volume) &
          & **(1.0_wp/scene%cloud%nd)
       do set = 1, size(scene%cloud%set_names)
