@@ -376,7 +376,7 @@ subroutine bars_by_other(self, problem, other, kind, around)
    logical :: blocks, held, length, loaded, rim, singular, smooth, wall
    integer :: i, order
 
-   blocks = allocated(problem%scene%cloud%block) .and. kind == fewer_points
+   blocks = allocated(problem%scene%cloud%block) .and. kind /= another_form
    if (blocks) open = off_surface*surface_share(problem%scene%cloud) &
       & + off_end*taper_of(problem%scene)
    border = 0.0_wp

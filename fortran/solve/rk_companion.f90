@@ -99,6 +99,8 @@ module rk_companion
       character(len=:), allocatable :: lattice
       !> So few in some direction that its error may be much larger than that of the answer
       logical :: coarse = .false.
+      !> A single voxel across the answer's body, so that no second solution has more blocks there
+      logical :: single = .false.
       !> Beside an answer of few cells, with more points in some direction: its last state is not a
       !> stable equilibrium. A body with one or two cells across locks in bending and seems stable
       logical :: unstable = .false.
@@ -304,7 +306,7 @@ subroutine choose_companion(self, scene, deck, words, halved)
    !> Further ones of a companion to add; not allocated if there is none
    character(len=:), allocatable, intent(out), optional :: halved
    integer, allocatable :: source(:), other(:)
-   integer :: steps
+   integer :: blocks(3), steps, voxels(3)
    logical, allocatable :: thin(:), long(:)
 
    ! all planned states of a programme are compared, but only the last one of a ramp
@@ -346,10 +348,20 @@ subroutine choose_companion(self, scene, deck, words, halved)
       end if
       ! nodal cells have errors from the stepped surface that fewer of them do not reveal
       self%method = 'rkpm-gauss'
-      call fewer_blocks(scene%cloud, other)
+      call fewer_blocks(scene%cloud, blocks, other, voxels)
+      thin = blocks < few_cells .and. voxels > blocks
+      long = .not. thin .and. other < blocks
+      self%single = any(voxels == 1)
+      if (any(thin) .and. index(scene%method, 'rkpm-gauss') == 1) then
+         self%kind = more_points
+         if (any(long) .and. present(halved)) halved = 'geometry.blocks=' &
+            & //list(merge(other, blocks, long))//nl
+         other = merge(min(enough_cells, voxels), blocks, thin)
+      else
+         self%coarse = .true.
+      end if
       words = words//'scene.method='//self%method//nl//'geometry.blocks='//list(other)//nl
       self%lattice = list(other)//' blocks'
-      self%coarse = .true.
       return
    end if
    call deck%get('geometry.source', source)
@@ -391,12 +403,13 @@ end function can_hold
 
 !> Half as many blocks in each direction, three quarters of them where they are few across the body
 !> or its tissues
-subroutine fewer_blocks(cloud, other)
+subroutine fewer_blocks(cloud, blocks, other, voxels)
    !> Points of the answer, with voxels
    type(cloud_type), intent(in) :: cloud
-   !> Blocks of the companion, shape (3)
+   !> Its blocks along each axis, those of the companion, and voxels
+   integer, intent(out) :: blocks(3)
    integer, allocatable, intent(out) :: other(:)
-   integer :: blocks(3), voxels(3)
+   integer, intent(out) :: voxels(3)
    logical :: thin(3)
 
    voxels = maxval(cloud%voxels%index, dim=2) - minval(cloud%voxels%index, dim=2) + 1

@@ -275,6 +275,8 @@ subroutine judge_by_others(self, answer, with_companion, search, outcome)
       if (self%companion%unstable .and. .not. outcome%unstable) call self%object(doubtful, &
          & 'the equilibrium is unstable with '//self%companion%lattice//': with fewer cells ' &
          & //'across it, the body is too stiff to buckle; use more points')
+      if (self%companion%single) call self%object(doubtful, 'the body has one voxel across: no ' &
+         & //'second solution shows its error in bending; use smaller voxels')
       lower = of_forms(1)
       if (self%companion%kind /= another_form) then
          lower = of_bar

@@ -98,6 +98,8 @@ module rk_galerkin
       procedure :: constant_product, material_at
    end type galerkin_problem
 
+   !> Multiple of the penalty to be added where the stability of an equilibrium is judged [-]
+   real(wp), parameter :: firmly_held = 1.0e2_wp
    !> That penalty relative to the shear modulus [-]
    real(wp), parameter :: firm = 1.0e4_wp
 
@@ -317,7 +319,8 @@ logical function is_unstable(self, x, load)
    is_unstable = .not. is_definite()
    if (is_unstable .and. .not. self%linear .and. allocated(self%scene%cloud%lattice)) then
       ! pressures of a group of cells resist the mean volume change and its slopes only: under large
-      ! compression parts of a free face may exchange volume, which no real body does
+      ! compression parts of a free face may exchange volume, which no real body does; a face that
+      ! slides under a pressure of many shear moduli wrinkles against the penalty
       self%resists = .not. has_few_cells(self%scene)
       if (self%resists) is_unstable = .not. is_definite()
       self%resists = .false.
@@ -364,6 +367,8 @@ subroutine assemble(self, x, stage, r, seen)
    call self%constant_product(x(:self%matrix%n), r(:self%matrix%n))
    r = r - matmul(self%force, factor)
    if (tangent) call self%constant%unpack(self%matrix%value)
+   if (tangent .and. self%resists) call self%surface%add_penalty(self%matrix%symmetric_matrix, &
+      & self%matrix%value, times=firmly_held)
    if (tangent .and. allocated(self%matrix%skew)) self%matrix%skew = 0.0_wp
    call self%matrix%groups%attach(self%cells, self%gradient, self%pressure, self%multiplier)
    if (tangent .and. self%inexact) call self%matrix%pressures%go_to(x)

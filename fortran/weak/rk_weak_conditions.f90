@@ -306,13 +306,15 @@ pure function coupled(self) result(list)
    end do
 end function coupled
 
-!> Matrix of the penalty and of springs
-subroutine add_penalty(self, matrix, value)
+!> Matrix of the penalty and of springs, or of a multiple of the penalty alone
+subroutine add_penalty(self, matrix, value, times)
    class(surface_type), target, intent(in) :: self
    !> Places of the entries
    class(symmetric_matrix), intent(in) :: matrix
    !> Entries, to which those of the penalty are added [force/length]
    real(wp), intent(inout) :: value(:)
+   !> This multiple [-]
+   real(wp), intent(in), optional :: times
    real(wp), allocatable :: part(:, :), psi(:, :)
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
@@ -323,9 +325,12 @@ subroutine add_penalty(self, matrix, value)
    nd = size(self%value, 2)
    do s = 1, size(self%penalty)
       resistance = merge(self%penalty(s), 0.0_wp, self%essential(:, s))
-      if (allocated(self%spring)) resistance = merge(resistance, &
-         & self%bearing(s)*self%spring(:, s), &
-         & self%essential(:, s))
+      if (present(times)) then
+         resistance = times*resistance
+      else if (allocated(self%spring)) then
+         resistance = merge(resistance, &
+            & self%bearing(s)*self%spring(:, s), self%essential(:, s))
+      end if
       if (.not. any(abs(resistance) > 0.0_wp)) cycle
       call self%shape%row(s, nodes, values)
       blocks = nodes
