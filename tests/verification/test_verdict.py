@@ -716,3 +716,67 @@ def test_an_accepted_answer_is_not_called_ambiguous(inputs: Path, tmp_path: Path
     last = done.stdout.splitlines()[-1]
     assert last.startswith("accepted (numerical error only, not fibers or attachments): ")
     assert "loses ellipticity" in last and "unique" not in done.stdout
+
+
+@pytest.mark.parametrize("points", [(4, 2, 2), (4, 3, 3), (9, 3, 3)])
+def test_a_twisted_bar_of_few_cells_is_not_accepted(points: tuple[int, ...]) -> None:
+    """One or two cells across have no warping: 16 % too stiff. Half as many along the bar and
+    twice as many across were as far off, so that the two agreed to .3 % (torque by dolfinx,
+    Q2/P1, 24x8x8: .0501)."""
+    end = {"set": "x1", "rotation": 60.0, "axis": [1, 0, 0], "about": [3.0, 0.5, 0.5]}
+    tables = scene(
+        "auto", {**box(*points, size=[3, 1, 1])}, material=[neo(1.0, 1000.0)],
+        boundary=[held("x0"), end],
+        probe=[{"name": "torque", "quantity": "torque_x", "set": "x1"}],
+    )  # fmt: skip
+    states, found = solved(tables)
+    assert states.verdict != "accepted"
+    assert abs(found.last()["torque"] - 0.0501) < found.bar("torque")
+
+
+def test_a_plate_of_one_block_is_compared_with_more() -> None:
+    """One block across locks in bending, as do half as many along a plate: 82 % off."""
+    tables = scene(
+        "auto", {"kind": "model"}, material=[neo(5.0, 10 / 3, label=1)],
+        boundary=[held("bottom"), {"set": "top", "traction": [1e-5, 0, 0]}],
+        probe=probes("tip u_x top"),
+    )  # fmt: skip
+    tips = []
+    for stride, accepted in (([4, 2, 2], False), ([2, 2, 2], True)):
+        points = scenes.voxels(np.ones((4, 8, 24)), 1.0, source_stride=stride)
+        with Scene.from_tables(tables, points) as opened:
+            states = opened.solve()
+            bar = states.probe_errors[-1, 0, 0]
+            tips.append(opened.probes(states.x, states.load)[-1, 0, 0])
+        assert (states.verdict == "accepted") is accepted
+        # the finer answer, which beam theory confirms to 1 %, is within both bars
+    assert abs(tips[0] - tips[1]) > 0.5 * abs(tips[1])
+    assert bar < 0.1 * abs(tips[1])
+
+
+@pytest.mark.parametrize("activation", [0.1, 0.6])
+def test_a_muscle_that_contracts_freely_is_accepted(activation: float) -> None:
+    """Its stresses and forces are errors of the iteration, which differ by their own size."""
+    muscle = {"name": "muscle", "model": "muscle", "A10": 10, "K": 1000, "fiber": [0, 1, 0]}
+    tables = scene(
+        "auto", box(3, 4, 3, size=[1, 2, 1]), material=[muscle], boundary=scenes.PLANES,
+        probe=probes("end u_y 1 2 1", "stress cauchy_yy 0.5 1 0.5", "force force_y y0"),
+        load={"activation": activation},
+    )  # fmt: skip
+    states, found = solved(tables)
+    assert states.verdict == "accepted"
+    assert found.last()["end"] < -0.04 and found.bar("stress") < 1e-6
+
+
+@pytest.mark.parametrize("bulk", [100.0, 1e4])
+def test_a_confined_body_is_stable(bulk: float) -> None:
+    """Its pressure of ten shear moduli would wrinkle sliding faces against the penalty alone."""
+    sides = [{"set": name, f"u_{name[0]}": 0.0} for name in ("x0", "x1", "y0")]
+    tables = scene(
+        "auto", box(9, 17, size=[1, 2]), material=[neo(1.0, bulk)],
+        boundary=[*sides, {"set": "y1", "u_y": -0.002}], probe=probes("force force_y y1"),
+    )  # fmt: skip
+    states, found = solved(tables)
+    assert states.verdict == "accepted"
+    # uniaxial strain of .001, plane strain: -(K (1 - J) + 4/3 mu strain) to second order
+    assert found.last()["force"] == pytest.approx(-(bulk + 4 / 3) * 1e-3, rel=2e-3)
