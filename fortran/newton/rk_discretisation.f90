@@ -33,6 +33,9 @@ module rk_discretisation
    !> Stresses below this share of the strain times the shear modulus are errors of iterations: those
    !> of a muscle that contracts freely [-]
    real(wp), parameter :: of_strain = 1.0e-7_wp
+   !> Stresses of linear problems below this share of the displacement gradient times the shear
+   !> modulus are rounding errors: those of a body in rigid motion [-]
+   real(wp), parameter :: of_gradient = 1.0e-11_wp
    !> Loads whose displacements fall below this share of the largest have been removed again [-]
    real(wp), parameter :: taken_off = 0.5_wp
 
@@ -448,8 +451,8 @@ subroutine largest_stress(self, state, stress, stiffness)
    end do
 end subroutine largest_stress
 
-!> Stress that is an error of the iteration beside the mean strain of a state; 0 in linear problems
-!> [stress]
+!> Stress that is an error of the iteration beside the mean strain of a state, in linear problems one
+!> of rounding beside its mean displacement gradient [stress]
 real(wp) function negligible_stress(self, state) result(stress)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -458,19 +461,25 @@ real(wp) function negligible_stress(self, state) result(stress)
    integer :: i, ip
 
    stress = 0.0_wp
-   if (self%linear) return
-   shear = maxval([(self%scene%tissue(i)%material%shear, i=1, size(self%scene%tissue))])
+   if (self%fields < self%scene%cloud%nd) return
    associate (cloud => self%scene%cloud)
       do ip = 1, size(cloud%points, 2)
          call self%at_point(state, ip, local)
-         h = matmul(transpose(local%f), local%f)
+         h = local%f
+         if (.not. self%linear) h = matmul(transpose(h), h)
          do i = 1, 3
             h(i, i) = h(i, i) - 1.0_wp
          end do
          ! no more than a body can be sheared; J may be zero at singular corners
-         if (ieee_is_finite(norm2(h))) stress = stress + cloud%volume(ip)*min(norm2(h), 1.0_wp)
+         if (.not. ieee_is_finite(norm2(h))) cycle
+         if (self%linear) then
+            shear = of_gradient*self%mixture%pair(2, ip)
+         else
+            shear = of_strain*self%scene%tissue(self%scene%tissue_of(ip))%material%shear
+         end if
+         stress = stress + cloud%volume(ip)*shear*min(norm2(h), 1.0_wp)
       end do
-      stress = of_strain*shear*stress/sum(cloud%volume)
+      stress = stress/sum(cloud%volume)
    end associate
 end function negligible_stress
 

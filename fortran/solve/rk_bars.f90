@@ -238,8 +238,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
    real(wp), intent(out) :: strained
    type(point_state) :: local
    real(wp), dimension(size(problem%scene%cloud%points, 2)) :: stresses, strains
-   real(wp) :: displacement, stress, force, share, &
-      & own, kind
+   real(wp) :: displacement, stress, force, share, own, kind, least
    integer :: e, i, set
 
    displacement = 0.0_wp
@@ -252,14 +251,15 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
          strains(i) = min(shear_strain(scene, i, local%cauchy), 1.0_wp)
          displacement = max(displacement, norm2(local%u))
       end do
-      stress = max(size_of(stresses, scene%cloud%volume), problem%negligible_stress(state))
+      least = problem%negligible_stress(state)
+      stress = max(size_of(stresses, scene%cloud%volume), least)
       strained = size_of(strains, scene%cloud%volume)*sum(scene%cloud%volume) &
          & **(1.0_wp/scene%cloud%nd)
       do set = 1, size(scene%cloud%set_names)
          if (problem%fields < scene%cloud%nd) exit
          if (.not. (any(scene%condition%set == set) .or. any(scene%probe%set == set))) cycle
-         force = max(force, norm2(problem%set_force(set, state, 1.0_wp)), share_balanced*stress &
-            & *sum(scene%cloud%area, mask=[(scene%cloud%in_set(e, set), &
+         force = max(force, norm2(problem%set_force(set, state, 1.0_wp)), &
+            & max(share_balanced*stress, least)*sum(scene%cloud%area, mask=[(scene%cloud%in_set(e, set), &
             & e=1, size(scene%cloud%area))]))
       end do
       do i = 1, size(value, 2)

@@ -35,7 +35,9 @@ subroutine new_problem(problem, scene, error)
       call move_alloc(galerkin, problem)
    end select
    if (allocated(error)) return
-   if (problem%linear) return
+   ! with inertia, and for other fields than displacements, nothing needs to be prescribed
+   if (problem%linear .and. (allocated(scene%motion) .or. problem%fields /= scene%cloud%nd &
+      & .or. problem%fields == 1)) return
    select type (problem)
    type is (galerkin_problem)
       ! its collocation points are places of output, and may be few
@@ -45,6 +47,7 @@ subroutine new_problem(problem, scene, error)
       call check_islands(problem%shape, problem%shape, scene%cloud%points, &
          & problem%boundary%point, problem%boundary%supported(scene), error)
    end select
+   if (problem%linear) return
    if (.not. allocated(error) .and. keeps_volume(scene, problem%boundary)) &
       & call fatal_error(error, err_input, 'material K = inf: displacements are prescribed all ' &
       & //'around the body, which leaves its pressure undetermined; give a finite K, or leave a ' &
