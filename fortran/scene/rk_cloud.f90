@@ -104,7 +104,7 @@ module rk_cloud
       logical :: polar = .false.
    contains
       procedure :: find_set, in_set, sides, meets_side, mean_spacing
-      procedure :: centres, labels, nearest_sources, nearest_source
+      procedure :: centres, is_outside, labels, nearest_sources, nearest_source
    end type cloud_type
 
 contains
@@ -183,6 +183,22 @@ pure function centres(self) result(at)
       at(:, ip) = self%voxels%centre(ip)
    end do
 end function centres
+
+!> Whether a position is farther than half a voxel from a body of voxels; bodies without voxels have
+!> no outside
+pure logical function is_outside(self, x)
+   class(cloud_type), intent(in) :: self
+   !> Position, shape (nd) [length]
+   real(wp), intent(in) :: x(:)
+   real(wp), parameter :: slack = 1.0e-6_wp
+   integer :: ip
+
+   is_outside = allocated(self%voxels%index)
+   do ip = 1, size(self%points, 2)
+      if (.not. is_outside) return
+      is_outside = any(abs(x - self%voxels%centre(ip)) > (1.0_wp + slack)*self%voxels%size)
+   end do
+end function is_outside
 
 !> Labels of the points in ascending order
 pure function labels(self) result(found)

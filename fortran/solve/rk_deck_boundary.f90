@@ -116,6 +116,11 @@ subroutine read_probes(scene, deck, error)
                if (outside_lattice(scene%cloud, point)) call deck%complain(at//'.point', &
                   & to_text(point)//' lies outside the '//body, error)
             end associate
+         else if (deck%has(at//'.point')) then
+            if (scene%cloud%is_outside(probe%point)) call deck%complain(at//'.point', &
+               & to_text(probe%point)//' is more than half a voxel outside the body, which has ' &
+               & //'its points from '//to_text(minval(scene%cloud%points, dim=2))//' to ' &
+               & //to_text(maxval(scene%cloud%points, dim=2)), error)
          end if
       end associate
    end do
