@@ -168,3 +168,18 @@ def test_spacing_of_scattered_points() -> None:
     # a corner has three neighbours at one spacing, the next ones are across the faces
     np.testing.assert_allclose(spacing[0], 0.5 * np.sqrt(2))
     refuses("too few", source_spacing, lattice[:2])
+
+
+@pytest.mark.parametrize(("place", "outside"), [(2.39, False), (2.41, True)])
+def test_a_probe_beside_a_body_of_voxels(place: float, outside: bool) -> None:
+    """Up to half a voxel, by which the surface is uncertain, functions are extrapolated."""
+    tables = scenes.scene(
+        "auto", {"kind": "model"}, material=[scenes.neo(1.0, 10.0, label=1)],
+        boundary=[scenes.held("bottom"), {"set": "top", "traction": [0, 0, 1e-3]}],
+        probe=scenes.probes(f"end u_z 0.1 0.1 {place}"),
+    )  # fmt: skip
+    points = scenes.voxels(np.ones((4, 4, 24)), 1.0, source_stride=[2, 2, 2])
+    if outside:
+        refuses("more than half a voxel outside the body", Scene.from_tables, tables, points)
+    else:
+        Scene.from_tables(tables, points).close()
