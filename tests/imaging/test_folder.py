@@ -482,10 +482,11 @@ def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path)
     found = build(deck, tmp_path / "out", progress=lines.append)["model"]
     assert [row["muscle"] for row in found["muscles"]] == ["m"]
     (said,) = [line for line in lines if line.startswith("body of ")]
-    both = re.fullmatch(r"body of (.+) x (.+) x (.+) mm, (.+) x (.+) x (.+) cm", said)
+    places = r"\((.+), (.+), (.+)\)"
+    shown = re.fullmatch(rf"body of (.+) x (.+) x (.+) mm, from {places} to {places} cm", said)
+    size, low, high = np.array(shown.groups(), float).reshape(3, 3)
     # five, eight and six voxels; edge points move along normals by less than a tenth of a voxel
-    sizes = np.array(both.groups(), float).reshape(2, 3) * [[1.0], [10.0]]
-    np.testing.assert_allclose(sizes, [[10.0, 16.0, 30.0]] * 2, atol=0.2)
+    np.testing.assert_allclose([size, 10 * (high - low)], [[10.0, 16.0, 30.0]] * 2, atol=0.2)
 
 
 @pytest.mark.slow

@@ -54,9 +54,10 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     sums = "\n".join(f"{path.name} {_check_sum(path)}" for path in files.read)
     unit = deck["units"]["length"]
     cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress, _held(deck))
-    size = np.ptp(cloud.points, axis=0)
-    millimetres = " x ".join(f"{edge:.4g}" for edge in size / length_factor(unit))
-    progress(f"body of {millimetres} mm, {' x '.join(f'{edge:.4g}' for edge in size)} {unit}")
+    low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+    millimetres = " x ".join(f"{edge:.4g}" for edge in (high - low) / length_factor(unit))
+    corners = (", ".join(f"{x:.4g}" for x in corner) for corner in (low, high))
+    progress("body of {} mm, from ({}) to ({}) {}".format(millimetres, *corners, unit))
     write_model(out / "model.h5", cloud)
     maps = _maps(body, files, out)
     left_out = {*table["bone"]}
