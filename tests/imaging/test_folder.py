@@ -198,8 +198,13 @@ def deck(tmp_path):
     return path
 
 
-def test_files_beside_the_deck_come_first_others_are_looked_for(deck, tmp_path):
-    found = [f"image.anatomy={tmp_path / 'data' / 'first visit' / 't1.nii.gz'}"]
+def test_files_of_the_folder_come_first_then_those_beside_the_deck(deck, tmp_path):
+    """Beside the deck those of another subject may lie: here a truth."""
+    visit = tmp_path / "data" / "first visit"
+    found = [f"image.anatomy={visit / 't1.nii.gz'}", f"image.truth={visit / 'truth.nii.gz'}"]
+    assert data_overrides(deck, tmp_path / "data") == found
+    (visit / "truth.nii.gz").unlink()
+    found.pop()
     assert data_overrides(deck, tmp_path / "data") == found
     assert data_overrides(deck, tmp_path / "data", found) == []
     # as in a BIDS tree, in which each subject has files of the same names
@@ -243,7 +248,7 @@ def test_what_is_chosen_in_a_folder_stays_behind_its_name(deck, tmp_path):
         f'dixon.phase=["{place}:echo=1", "{place}:echo=2"]',
         f"image.anatomy={place}:kind=water",
     ]
-    (found,) = data_overrides(deck, tmp_path / "data", asked)
+    *_, found = data_overrides(deck, tmp_path / "data", asked)
     wanted = [f"{place}:series=5,echo={echo}" for echo in (1, 2)]
     assert found == f"dixon.magnitude={json.dumps(wanted)}"
 

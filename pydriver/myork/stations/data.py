@@ -213,8 +213,9 @@ class DeckFiles:
 def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] = ()) -> list[str]:
     """Overrides that give the location of the files of a deck.
 
-    A file found where the deck says is left there; a path with folders is looked for below
-    `data`, all others by their names in all folders below it.
+    Relative paths are looked for in the folder before that of the deck, where files of another
+    subject may lie: a path with folders below `data`, all others by their names in all folders
+    below it.
 
     - `data`: folder
     - returns `"table.key=value"` each
@@ -229,25 +230,36 @@ def data_overrides(deck: str | Path, data: str | Path, overrides: Sequence[str] 
         wanted = values.get(table, {}).get(name)
         names = wanted if isinstance(wanted, list) else [wanted] if wanted else []
         own = [split_choice(Path(one)) for one in names]
-        if all(Path(values["folder"], path).exists() for path, _ in own):
+        at_deck = [Path(values["folder"], path) for path, _ in own]
+        places = [
+            _place(deck, key, path, folder, beside)
+            for (path, _), beside in zip(own, at_deck, strict=True)
+        ]
+        if all(
+            one.exists() and one.samefile(two) for one, two in zip(at_deck, places, strict=True)
+        ):
             continue
-        places = []
-        for path, choice in own:
-            there = [
-                Path(values["folder"], path),
-                *([folder / path] if len(path.parts) > 1 else []),
-            ]
-            place = next((one.resolve() for one in there if one.exists()), None)
-            place = place or _place(deck, key, path, folder)
-            places.append(f"{place}:{choice}" if choice else f"{place}")
-        text = json.dumps(places)
-        found.append(f"{key}={text if isinstance(wanted, list) else places[0]}")
+        chosen = [
+            f"{place.resolve()}:{choice}" if choice else f"{place.resolve()}"
+            for place, (_, choice) in zip(places, own, strict=True)
+        ]
+        text = json.dumps(chosen)
+        found.append(f"{key}={text if isinstance(wanted, list) else chosen[0]}")
     return found
 
 
-def _place(deck: str | Path, key: str, wanted: Path, folder: Path) -> Path:
-    """The single file (or folder) with a given name below a folder."""
-    places = sorted(place.resolve() for place in folder.rglob(wanted.name))
+def _place(deck: str | Path, key: str, wanted: Path, folder: Path, beside: Path) -> Path:
+    """The single file (or folder) with a given name below a folder, or that of the deck.
+
+    - `beside`: where the deck says that it is
+    """
+    if wanted.is_absolute() and wanted.exists():
+        return wanted
+    if len(wanted.parts) > 1 and (folder / wanted).exists():
+        return folder / wanted
+    places = sorted({place.resolve() for place in folder.rglob(wanted.name)})
+    if beside.exists() and (not places or beside.resolve() in places):
+        return beside
     if not places:
         raise FileError(f"{deck}: there is no {wanted.name} ({key}) below {folder}")
     if len(places) > 1:
