@@ -17,7 +17,7 @@ from myork.imaging.damage import damaged_slices, missing_slices
 from myork.imaging.diffusion import gradient_files, known_tensors, lead_vector
 from myork.imaging.geometry import check_same_grid, corner_distance
 from myork.imaging.headers import Header, bids_name, described_by, read_header
-from myork.imaging.io import read_image, read_labels, read_reference
+from myork.imaging.io import read_image, read_labels, read_reference, write_image
 from myork.imaging.phantom import make_phantom
 from myork.imaging.resampling import on_grid
 from myork.model.fibers import fibers_of_labels
@@ -406,6 +406,12 @@ def test_half_a_voxel_beyond_the_outer_centres_has_values_and_more_has_none():
     two = Image(np.zeros((4, 4, 4)), np.eye(4), "b.nii")
     said = "a.nii and b.nii do not overlap: the first reaches .* z 900 to 906, .* z 0 to 3 mm; "
     refuses(said, on_grid, one, two)
+
+
+def test_a_file_is_written_in_a_known_format(tmp_path):
+    one = Image(np.ones((2, 2, 2, 1)), np.eye(4))
+    refuses("no image format has this suffix", write_image, tmp_path / "one.txt", one)
+    assert not list(tmp_path.iterdir())
 
 
 def test_volumes_are_resampled_one_by_one_around_what_is_not_finite():

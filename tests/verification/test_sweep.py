@@ -71,6 +71,8 @@ def test_keys_are_those_of_set(deck: Path, tmp_path: Path) -> None:
     ([], "needs a key to vary"), (["a"], "is needed"), (["a=0:1"], "is needed"),
     (["a=0:x:3"], "'x' is not a number"), (["a=1,,2"], "a value is missing"),
     (["a=1,2", "a=3"], "a is given twice"), (["a=lhs(2,1)"], "2 is not below 1"),
+    (["a=1,2,1"], "a value is given twice"),
+    (["build.source_stride=[1,1,1],[2,2,2]"], "acts before it is made"),
     (["a=0:1:2000", "b=0:1:2000"], "between 1 and 1000000"),
 ])  # fmt: skip
 def test_wrong_plans(vary: list[str], message: str) -> None:

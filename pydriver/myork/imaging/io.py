@@ -255,6 +255,9 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _write(path: Path, data: np.ndarray, affine: np.ndarray) -> None:
     """Write a file in the format selected by its suffix."""
+    if not path.name.endswith((".nii", ".nii.gz", *ITK_SUFFIXES)):
+        known = ", ".join((".nii.gz", ".nii", *ITK_SUFFIXES))
+        raise InputError(f"{path}: no image format has this suffix; one of {known}")
     with whole_file(path, by_suffix=True) as unfinished:
         if path.suffix in ITK_SUFFIXES:
             save_itk(unfinished, data, affine)

@@ -17,6 +17,9 @@ from myork.rom.probes import probe_columns
 
 _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... or KEY=lhs(LOW,HIGH)"
 
+#: Tables of a deck that act on images, before the model that a sweep solves is made
+_BEFORE = ("image", "dixon", "bias", "muscle", "tissue", "build")
+
 #: More points are considered a mistake
 _MOST = 1_000_000
 #: Columns of a table after keys, probes and error bars
@@ -60,6 +63,11 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
         key, sign, text = (part.strip() for part in item.partition("="))
         if not (key and sign and text):
             raise InputError(f"--vary {item}: {_FORMS} is needed")
+        if (table := key.partition(".")[0]) in _BEFORE:
+            raise InputError(
+                f"--vary {item}: a sweep solves one model, and [{table}] acts before it is made; "
+                f"call `myork run` with each value"
+            )
         if key in grids or key in ranges:
             raise InputError(f"--vary {item}: {key} is given twice")
         if sampled := re.fullmatch(r"lhs\(([^,]+),([^,]+)\)", text):
@@ -74,6 +82,8 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
             grids[key] = [_value(word) for word in re.split(r",(?![^\[]*\])", text)]
             if "" in grids[key]:
                 raise InputError(f"--vary {item}: a value is missing between two commas")
+            if len({*map(str, grids[key])}) < len(grids[key]):
+                raise InputError(f"--vary {item}: a value is given twice")
     count = int(np.prod([len(values) for values in grids.values()])) * (samples if ranges else 1)
     if not 1 <= count <= _MOST:
         raise InputError(f"{count} points: the number must be between 1 and {_MOST}")
