@@ -30,8 +30,8 @@ module rk_discretisation
    real(wp), parameter :: of_motion = 1.0e-6_wp
    !> Strains above this never count as such errors [-]
    real(wp), parameter :: most_slack = 1.0e-5_wp
-   !> Stresses below this share of the strain times the shear modulus are errors of iterations: those
-   !> of a muscle that contracts freely [-]
+   !> Stresses below this share of the strain times the shear modulus are errors of iterations:
+   !> those of a muscle that contracts freely [-]
    real(wp), parameter :: of_strain = 1.0e-7_wp
    !> Stresses of linear problems below this share of the displacement gradient times the shear
    !> modulus are rounding errors: those of a body in rigid motion [-]
@@ -451,8 +451,8 @@ subroutine largest_stress(self, state, stress, stiffness)
    end do
 end subroutine largest_stress
 
-!> Stress that is an error of the iteration beside the mean strain of a state, in linear problems one
-!> of rounding beside its mean displacement gradient [stress]
+!> Stress that is an error of the iteration beside the mean strain of a state, in linear problems
+!> one of rounding beside its mean displacement gradient [stress]
 real(wp) function negligible_stress(self, state) result(stress)
    class(discretisation_type), intent(in) :: self
    type(field_state), intent(in) :: state
