@@ -38,10 +38,8 @@ module rk_bars
    !> at the surface. Errors of order two are a third of it, of order one as large: those at the
    !> surface are nearer the latter; with singular edges displacements and forces are in between.
    !> Errors of stresses inside change sign from place to place: the difference is the root of the
-   !> sum of squares, 4.1 times the error, and nineteen errors in twenty are below twice theirs; in
-   !> 2D, where differences around a probe count in full, .4 suffices. By the dimension
-   real(wp), parameter :: factor_coarse = 0.7_wp, factor_surface = 1.0_wp
-   real(wp), parameter :: factor_inside(3) = [0.4_wp, 0.4_wp, 0.5_wp]
+   !> sum of squares, 4.1 times the error, and nineteen errors in twenty are below twice theirs
+   real(wp), parameter :: factor_coarse = 0.7_wp, factor_inside = 0.5_wp, factor_surface = 1.0_wp
    !> Factor for displacements in 2D between two or more sets constrained in all directions, where
    !> errors vanish, if no load acts: 95 % of 84 errors of random decks are below .7 of the bars
    !> without it; in 3D free sides ripple
@@ -405,8 +403,7 @@ subroutine bars_by_other(self, problem, other, kind, around)
          left = of_border(2)*border
          if (quantity_kind(quantity) == 'force') left = max(of_border(1)*border, &
             & of_load*loaded_border)
-         factor = factor_of(smooth, problem%scene%cloud%nd, problem%scene%probe(i), &
-            & self%at_surface(i))
+         factor = factor_of(smooth, problem%scene%probe(i), self%at_surface(i))
          length = quantity_kind(quantity) == 'length'
          if (length .and. held) factor = factor_held*factor
          beside = around(:, i, :)
@@ -527,11 +524,9 @@ pure subroutine find_supports(scene, held, loaded)
 end subroutine find_supports
 
 !> Bar over the difference from fewer points of a probe on a lattice [-]
-real(wp) function factor_of(smooth, nd, probe, at_surface) result(factor)
+real(wp) function factor_of(smooth, probe, at_surface) result(factor)
    !> Basis of order two in an annulus without rims
    logical, intent(in) :: smooth
-   !> Space dimension
-   integer, intent(in) :: nd
    type(probe_type), intent(in) :: probe
    !> A stress at the surface
    logical, intent(in) :: at_surface
@@ -539,7 +534,7 @@ real(wp) function factor_of(smooth, nd, probe, at_surface) result(factor)
    if (at_surface) then
       factor = factor_surface
    else if (quantity_kind(probe%quantity) == 'stress') then
-      factor = factor_inside(nd)
+      factor = factor_inside
    else if (smooth) then
       factor = merge(factor_place, factor_polar, quantity_kind(probe%quantity) == 'length')
    else
