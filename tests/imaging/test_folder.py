@@ -23,7 +23,7 @@ from myork.errors import FileError, InputError
 from myork.imaging.diffusion import read_diffusion, tensor_components
 from myork.imaging.geometry import check_same_grid, with_axis_at
 from myork.imaging.gradients import GradientTable
-from myork.imaging.io import read_image, read_labels, write_image
+from myork.imaging.io import read_image, read_labels, write_image, write_labels
 from myork.imaging.phantom import make_phantom
 from myork.model_file import read_model
 from myork.records import Image, Labels
@@ -33,6 +33,7 @@ from myork.stations.explain import stations_of
 from myork.stations.folder import deck_of_folder
 from myork.stations.new import new_deck
 from myork.stations.segment import segment
+from myork.stations.solve import run_deck
 from myork.summary import read_summary, update_summary
 from tests.images import UNITS, affine_of, angle, centred, labels_in, phantom_dwi, save, segmented
 from tests.scenes import refuses
@@ -492,6 +493,27 @@ def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path)
     size, low, high = np.array(shown.groups(), float).reshape(3, 3)
     # five, eight and six voxels; edge points move along normals by less than a tenth of a voxel
     np.testing.assert_allclose([size, 10 * (high - low)], [[10.0, 16.0, 30.0]] * 2, atol=0.2)
+
+
+def test_a_model_of_another_label_map_is_not_solved(tmp_path):
+    """After a change of the map the force would be that of the body before."""
+    voxels = np.pad(np.ones((4, 4, 6), np.uint8), 1)
+    map_ = tmp_path / "l.nii.gz"
+    write_labels(map_, Labels(voxels.astype(np.int32), np.eye(4)))
+    deck = tmp_path / "a.toml"
+    deck.write_text(
+        '[scene]\ndimension = 3\n[geometry]\nkind = "model"\n[units]\nforce = "N"\nlength = "cm"\n'
+        '[[material]]\nname = "m"\nlabel = 1\nmodel = "neo-hookean"\nmu = 1\nK = 9\n'
+        '[[boundary]]\nset = "bottom"\nu_x = 0\nu_y = 0\nu_z = 0\n'
+        '[[boundary]]\nset = "top"\ntraction = [0, 0, 0.01]\n'
+        '[[probe]]\nname = "u"\nquantity = "u_z"\nset = "top"\n[build]\nlabels = "l.nii.gz"\n'
+    )
+    out = tmp_path / "out"
+    build(deck, out)
+    assert run_deck(deck, out, threads=1)["converged"]
+    voxels[1] = 0
+    write_labels(map_, Labels(voxels.astype(np.int32), np.eye(4)))
+    refuses("build.labels: .* has changed since .*model.h5 was built", run_deck, deck, out)
 
 
 @pytest.mark.slow

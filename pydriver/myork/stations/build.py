@@ -51,7 +51,7 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
         body = body._replace(fibers=_of_diffusion(deck, body.labels, files.grid, out, progress))
     body = body._replace(activation=files.image("activation", body.labels))
     progress(f"points from {', '.join(path.name for path in files.read)}")
-    sums = "\n".join(f"{path.name} {_check_sum(path)}" for path in files.read)
+    sums = "\n".join(f"{path.name} {check_sum(path)}" for path in files.read)
     unit = deck["units"]["length"]
     cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress, _held(deck))
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
@@ -83,7 +83,7 @@ def _held(deck: Mapping[str, Any]) -> set[str | None]:
     return {sides.get(own["set"], own["set"]) for own in deck.get("boundary", [])} or {None}
 
 
-def _check_sum(path: Path) -> str:
+def check_sum(path: Path) -> str:
     """SHA-256 of a file, or of all files of a folder of DICOM images."""
     folder, _ = split_choice(path)
     files = sorted(folder.rglob("*")) if folder.is_dir() else [path]

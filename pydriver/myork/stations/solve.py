@@ -18,7 +18,8 @@ import numpy as np
 
 from myork.console import ProgressCallback, silent
 from myork.core.calls import interrupts_held
-from myork.core.deck import checked_overrides, text_of_tables
+from myork.core.cloud import model_path
+from myork.core.deck import checked_overrides, load_deck, text_of_tables
 from myork.errors import (
     ConvergenceError,
     InputError,
@@ -29,6 +30,7 @@ from myork.errors import (
     cure_of,
 )
 from myork.files import alone_in, write_text
+from myork.model_file import read_model
 from myork.summary import readable_summary, update_summary
 
 _NAME = "myork-solve"
@@ -98,6 +100,7 @@ def run_deck(
         text, deck = text_of_tables(deck), Path(out, "deck.toml")
         deck.parent.mkdir(parents=True, exist_ok=True)
         write_text(deck, text)
+    _refuse_changed(deck, overrides, Path(out))
     options = ["-o", str(out)]
     if threads is not None:
         options += ["-t", str(threads)]
@@ -123,6 +126,31 @@ def run_deck(
             "remove files there?"
         )
     return _with_estimate(summary, Path(out), progress)
+
+
+def _refuse_changed(deck: str | Path, overrides: Sequence[str], out: Path) -> None:
+    """Refuse a model whose label map or other file has changed since it was built from it."""
+    try:
+        values = load_deck(deck, overrides, "solve")
+        path = model_path(values, Path(values["folder"]), out) if "build" in values else None
+        lines = read_model(path).source_images.splitlines() if path else []
+    except MyorkError:
+        return  # the executable reports it
+    if not lines:
+        return
+    # images are read with large packages, which other decks do not need
+    from myork.stations.build import check_sum
+
+    sums = {name: found for name, _, found in (line.rpartition(" ") for line in lines)}
+    for key in ("labels", "fibers", "fractions", "activation", "surface"):
+        if not (name := values["build"].get(key)):
+            continue
+        file = Path(values["folder"], name)
+        if file.is_file() and sums.get(file.name, "") not in ("", check_sum(file)):
+            raise InputError(
+                f"{deck}: build.{key}: {file} has changed since {path} was built from it: "
+                "run `myork build` again"
+            )
 
 
 def _with_estimate(
