@@ -30,7 +30,8 @@ contains
 subroutine set_forces(problem, state, left, largest)
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
-   !> Norm of the sum, and largest norm, at least a share of the force inside the body [force]
+   !> Norm of the sum, and largest norm, at least a share of the force inside the body and an error
+   !> of the iteration [force]
    real(wp), intent(out) :: left, largest
    type(point_state) :: local
    real(wp) :: total(3), force(3), inside, total_volume, length

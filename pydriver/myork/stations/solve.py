@@ -129,7 +129,7 @@ def run_deck(
 
 
 def _refuse_changed(deck: str | Path, overrides: Sequence[str], out: Path) -> None:
-    """Refuse a model whose label map or other file has changed since it was built from it."""
+    """Refuse a model that was built from another label map, or other file, than the deck names."""
     try:
         values = load_deck(deck, overrides, "solve")
         path = model_path(values, Path(values["folder"]), out) if "build" in values else None
@@ -141,15 +141,17 @@ def _refuse_changed(deck: str | Path, overrides: Sequence[str], out: Path) -> No
     # images are read with large packages, which other decks do not need
     from myork.stations.build import check_sum
 
-    sums = {name: found for name, _, found in (line.rpartition(" ") for line in lines)}
+    built_from = {line.rpartition(" ")[0] for line in lines}
     for key in ("labels", "fibers", "fractions", "activation", "surface"):
         if not (name := values["build"].get(key)):
             continue
         file = Path(values["folder"], name)
-        if file.is_file() and sums.get(file.name, "") not in ("", check_sum(file)):
+        if not (file.is_file() and file.name in built_from):
+            continue
+        if f"{file.name} {check_sum(file)}" not in lines:
             raise InputError(
-                f"{deck}: build.{key}: {file} has changed since {path} was built from it: "
-                "run `myork build` again"
+                f"{deck}: build.{key}: {file} is not the file that {path} was built from: run "
+                f"`myork build` again, or give that file by --set build.{key}=PATH"
             )
 
 

@@ -66,7 +66,7 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
         if (table := key.partition(".")[0]) in _BEFORE:
             raise InputError(
                 f"--vary {item}: a sweep solves one model, and [{table}] acts before it is made; "
-                f"call `myork run` with each value"
+                "call `myork run` with each value"
             )
         if key in grids or key in ranges:
             raise InputError(f"--vary {item}: {key} is given twice")
