@@ -40,16 +40,17 @@ module rk_bars
    !> Errors of stresses inside change sign from place to place: the difference is the root of the
    !> sum of squares, 4.1 times the error, and nineteen errors in twenty are below twice theirs
    real(wp), parameter :: factor_coarse = 0.7_wp, factor_inside = 0.5_wp, factor_surface = 1.0_wp
-   !> Factor for displacements in 2D between two or more sets constrained in all directions, where
-   !> errors vanish, if no load acts: 95 % of 84 errors of random decks are below .7 of the bars
-   !> without it; in 3D free sides ripple
+   !> Factor for displacements in plane boxes between two or more sides constrained in all
+   !> directions, where errors vanish, if no load acts: 95 % of 84 errors of random decks are below
+   !> .7 of the bars without it; in 3D free sides ripple
    real(wp), parameter :: factor_held = 0.7_wp
    !> Bar over the difference for forces and displacements in annuli without rims with a basis of
-   !> order two: errors are of order three, a seventh of the difference. Displacements are compared
-   !> at the probe only. At random places 97 % of 96 errors are below .23 of the difference with
-   !> both boundary methods, 93 % of 72 others below .25: errors at points in the middle of a group
-   !> of cells or between two groups differ from those beside them
-   real(wp), parameter :: factor_polar = 0.3_wp, factor_place = 0.5_wp
+   !> order two, whose errors are of order three or more. Displacements are compared at the probe
+   !> only: errors at points in the middle of a group of cells or between two groups differ from
+   !> those beside them, and 97 % of 120 at random places are below .3 of the difference
+   real(wp), parameter :: factor_polar = 0.3_wp
+   !> Further factor there for stresses, with which no more errors of 23 random rings lie outside
+   real(wp), parameter :: factor_smooth = 0.8_wp
    !> The same for nodal cells of voxels with their stepped surface: 48 of 63 bars contain the error
    real(wp), parameter :: factor_stairs = 2.0_wp
    !> The same for blocks of voxels; possible distance of the surface of the body from their faces,
@@ -390,9 +391,11 @@ subroutine bars_by_other(self, problem, other, kind, around)
       & .or. allocated(problem%scene%approximation%kink) .or. problem%mixture%activation_jumps()
    call find_supports(problem%scene, held, loaded)
    ! errors where materials or conditions meet do not vanish at the sides
-   held = held .and. .not. singular .and. problem%scene%cloud%nd == 2
+   held = held .and. .not. (singular .or. problem%scene%cloud%polar) &
+      & .and. problem%scene%cloud%nd == 2
    order = min(2, problem%scene%approximation%order)
    smooth = .false.
+   rim = .false.
    if (problem%scene%cloud%polar) then
       call find_rims(problem%scene, rim, wall)
       smooth = problem%scene%approximation%order == 2 .and. .not. rim
@@ -415,7 +418,7 @@ subroutine bars_by_other(self, problem, other, kind, around)
             if (all(['ratio', 'angle'] /= quantity_kind(quantity))) left = open
          end if
          if (kind == twice_fewer .and. problem%scene%galerkin%essential == 'transformation') then
-            if (smooth .or. quantity_kind(quantity) /= 'stress') &
+            if (smooth .or. quantity_kind(quantity) /= 'stress' .and. .not. (rim .and. length)) &
                & factor = factor_farther(order)*factor
             if (loaded .and. (length .or. self%swings(i)) .and. problem%scene%cloud%nd == 2) &
                & factor = factor_loaded*factor
@@ -535,11 +538,10 @@ real(wp) function factor_of(smooth, probe, at_surface) result(factor)
       factor = factor_surface
    else if (quantity_kind(probe%quantity) == 'stress') then
       factor = factor_inside
-   else if (smooth) then
-      factor = merge(factor_place, factor_polar, quantity_kind(probe%quantity) == 'length')
    else
-      factor = factor_coarse
+      factor = merge(factor_polar, factor_coarse, smooth)
    end if
+   if (smooth .and. quantity_kind(probe%quantity) == 'stress') factor = factor_smooth*factor
 end function factor_of
 
 !> How much narrower the ends of a voxel body with conditions are than their slices [-]
