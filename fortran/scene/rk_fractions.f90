@@ -1,7 +1,6 @@
 !> Fractions of tissues at given positions, and the points whose fibers a tissue has there.
 module rk_fractions
    use rk_error, only : error_type
-   use rk_material, only : kind_i4
    use rk_neighbours, only : all_nearest, nearest_points
    use rk_place_shape, only : on_plane
    use rk_precision, only : wp
@@ -140,9 +139,9 @@ pure logical function has_fibers(scene, k, at)
    !> Collocation point
    integer, intent(in) :: at
 
-   has_fibers = scene%tissue(k)%material%active(kind_i4)
+   has_fibers = scene%tissue(k)%material%fibered
    if (has_fibers .and. scene%basis%interface_fibers == 'own') &
-      & has_fibers = scene%tissue(scene%tissue_of(at))%material%active(kind_i4)
+      & has_fibers = scene%tissue(scene%tissue_of(at))%material%fibered
 end function has_fibers
 
 !> For each collocation point, the one whose fibers a tissue has there: the point itself, or the

@@ -115,7 +115,7 @@ subroutine new_mixture(self, scene, position, nearest, error)
    np = size(position, 2)
    allocate (self%first(np + 1), fibered(size(scene%cloud%points, 2), size(scene%tissue)))
    do k = 1, size(scene%tissue)
-      if (scene%tissue(k)%material%active(kind_i4)) fibered(:, k) = fibered_points(scene, k)
+      if (scene%tissue(k)%material%fibered) fibered(:, k) = fibered_points(scene, k)
    end do
    placed = allocated(scene%approximation%kink) .or. self%meets()
    if (size(scene%tissue) > 1 .and. scene%basis%interface > 0.0_wp .and. .not. placed) then

@@ -102,6 +102,11 @@ subroutine read_probes(scene, deck, error)
       associate (probe => scene%probe(k))
          call probe%read(deck, at)
          if (deck%has(at//'.normal')) probe%normal = probe%normal/norm2(probe%normal)
+         if (any(probe%quantity == [character(len=13) :: 'fiber_stretch', 'pennation'])) then
+            if (.not. scene%tissue(probe%material)%material%fibered) call deck%complain( &
+               & at//'.material', scene%tissue(probe%material)%material%name &
+               & //' has no fibers whose '//probe%quantity//' could be measured', error)
+         end if
          if (deck%has(at//'.set')) then
             call deck%get(at//'.set', name)
             call find_named_set(scene%cloud, deck, at//'.set', name, probe%set, error)

@@ -901,12 +901,10 @@ function section_force(self, place, normal, state) result(force)
    nd = self%scene%cloud%nd
    cut = cut_through(self%scene, place, normal)
    allocate (inner(self%n), source=0.0_wp)
-   force = 0.0_wp
-   ! supports and stabilisation do not contribute to the stress of one tissue
-   if (state%tissue == 0) then
-      call self%constant_product(state%x(:self%matrix%n), inner(:self%matrix%n))
-      force = self%surface%held_force(self%cells, cut, state)
-   end if
+   ! the penalty, springs and stabilisation do not contribute to the stress of one tissue
+   if (state%tissue == 0) call self%constant_product(state%x(:self%matrix%n), &
+      & inner(:self%matrix%n))
+   force = self%surface%held_force(self%cells, cut, state)
    call self%inner_forces(state, inner)
    do k = 1, size(cut)
       force(:nd) = force(:nd) + cut(k)*inner(nd*(k - 1) + 1:nd*k)

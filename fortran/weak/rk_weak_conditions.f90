@@ -539,8 +539,8 @@ subroutine add_point_force(self, cells, s, state, held, traction, force, displac
       end if
    end do
    if (allocated(self%spring)) force(:size(u, 1)) = force(:size(u, 1)) - merge(0.0_wp, &
-      & self%bearing(s)*self%spring(:, s)*u(:, 1), self%essential(:, s))
-   if (allocated(self%pressure)) force = force + self%pressure_force(cells, s, &
+      & part*self%bearing(s)*self%spring(:, s)*u(:, 1), self%essential(:, s))
+   if (allocated(self%pressure)) force = force + part*self%pressure_force(cells, s, &
       & dot_product(self%pressure(:, s), state%factor), state%x)
    ! a support moves as prescribed, the body a little less
    displacement = 0.0_wp
@@ -562,30 +562,38 @@ pure function lifted_stress(cells, s, state) result(p)
    end do
 end function lifted_stress
 
-!> Contribution of lifting and penalty to the forces on source points, taken by a cut: it belongs to
-!> the supports of the surface and is not a force inside the body
+!> Contribution of lifting, penalty and springs to the forces on source points, taken by a cut: it
+!> belongs to the supports of the surface and is not a force inside the body. Of one tissue only the
+!> lifting contributes, by its stress
 function held_force(self, cells, cut, state) result(force)
    class(surface_type), target, intent(in) :: self
    type(cells_type), intent(in) :: cells
    !> Share of each source point, shape (ns) [-]
    real(wp), intent(in) :: cut(:)
    type(field_state), intent(in) :: state
-   real(wp) :: force(3), u(size(self%value, 2), self%shape%nq), p(3, 3), share
+   real(wp) :: force(3), u(size(self%value, 2), self%shape%nq), p(3, 3), share, stiffness
    real(wp), pointer, contiguous :: values(:, :)
    integer, pointer, contiguous :: nodes(:)
    integer :: i, s
 
    force = 0.0_wp
    do s = 1, size(cells%set)
-      if (.not. any(self%essential(:, s))) cycle
+      if (.not. (any(self%essential(:, s)) .or. allocated(self%spring))) cycle
       call self%shape%row(s, nodes, values)
       share = dot_product(values(1, :), cut(nodes))
       call self%shape%interpolate(s, state%x, 1, 1, u)
       p = lifted_stress(cells, s, state)
       if (self%plates%count > 0) u(:, 1) = u(:, 1) - self%plates%motion(s, state%x)
       do i = 1, size(u, 1)
-         if (self%essential(i, s)) force(i) = force(i) + share*(dot_product(p(i, &
-            & :size(cells%outward, 1)), cells%outward(:, s)) - self%penalty(s)*u(i, 1))
+         if (self%essential(i, s)) force(i) = force(i) + share*dot_product(p(i, &
+            & :size(cells%outward, 1)), cells%outward(:, s))
+         stiffness = 0.0_wp
+         if (self%essential(i, s)) then
+            stiffness = self%penalty(s)
+         else if (allocated(self%spring)) then
+            stiffness = self%bearing(s)*self%spring(i, s)
+         end if
+         if (state%tissue == 0) force(i) = force(i) - share*stiffness*u(i, 1)
       end do
    end do
 end function held_force

@@ -15,7 +15,7 @@ from numpy.testing import assert_allclose
 from myork import Results, Scene
 from myork.stations.solve import run_deck
 from myork.summary import printed
-from tests.scenes import box, gripped, held, neo, probes, refused, scene, solved, tomllib
+from tests.scenes import PLANES, box, gripped, held, neo, probes, refused, scene, solved, tomllib
 
 ABOUT = [0.3, 0.2, 0.1]
 PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
@@ -86,6 +86,79 @@ def test_the_executable_writes_them_with_error_bars(tmp_path):
 def test_a_section_outside_of_the_body_is_no_probe():
     cut = {"name": "p", "quantity": "section_force", "normal": [0, 0, 1], "point": [0.5, 0.5, 3]}
     assert "outside" in refused(BLOCK | {"probe": [cut]})
+
+
+@pytest.mark.parametrize(
+    ("method", "essential"),
+    [("rkpm-gauss", "penalty"), ("rkpm-gauss", "transformation"), ("rkpm-scni", "penalty")],
+)
+def test_materials_share_a_section_by_their_stresses(method, essential):
+    """Two layers along a sheet with the same ratio of moduli: each has a uniform stress."""
+    cut = {"quantity": "section_force_x", "normal": [1, 0]}
+    tables = scene(
+        method, box(9, 9, size=[2, 1]), galerkin={"essential": essential},
+        material=[neo(2.0, 20.0, "a"), neo(6.0, 60.0, "b", where="y > 0.5625")],
+        boundary=[*PLANES[:2], {"set": "x1", "u_x": 0.2}],
+        probe=[{"name": f"{side}{x}", "point": [x, 0.4], **cut, **own} for x in (0.05, 0.97)
+               for side, own in (("a", {"material": "a"}), ("b", {"material": "b"}), ("S", {}))],
+    )  # fmt: skip
+    found = solved(tables | {"solver": {"tolerance": 1e-10}}).last()
+    for x in (0.05, 0.97):
+        # stabilisation, of which no material has a part, does nothing where F is uniform: 2e-6
+        assert found[f"a{x}"] + found[f"b{x}"] == pytest.approx(found[f"S{x}"], rel=1e-5)
+        assert found[f"b{x}"] == pytest.approx(3 * 7 / 9 * found[f"a{x}"], rel=0.01)
+
+
+def test_springs_belong_to_the_part_of_a_body_that_they_hold():
+    """A sheet on springs: a section has one force, whichever side its normal points to."""
+    spring = {"set": "y0", "spring": [3.0, 0.0]}
+    tables = scene(
+        "rkpm-gauss", box(17, 9, size=[2, 1]), material=[neo(10.0, 40.0)],
+        boundary=[held("x0", 2), held("x1", 2, u_x=0.2), spring],
+        probe=[*probes("left force_x x0", "right force_x x1", "own force_x y0"),
+               *({"name": f"{n}{x}", "quantity": "section_force_x", "point": [x, 0.5],
+                  "normal": [n, 0]} for n in (1, -1) for x in (0.05, 1.0, 1.95))],
+    )  # fmt: skip
+    found = solved(tables).last()
+    assert found["own"] < -0.1 * found["right"]
+    for x in (0.05, 1.0, 1.95):
+        assert found[f"1{x}"] == pytest.approx(-found[f"-1{x}"], rel=1e-6)
+    # the springs pull on the right part most
+    forces = [-found["left"], *(found[f"1{x}"] for x in (0.05, 1.0, 1.95)), found["right"]]
+    assert (np.diff(forces) > 0).all() and (np.diff(forces, 2)[:2] > 0).all()
+
+
+@pytest.mark.parametrize("load", [{"spring": [0, 5.0]}, {"pressure": 1.0}])
+def test_loads_of_a_side_act_on_the_materials_behind_it(load):
+    lines = ("whole force_y y0", "a force_y y0", "b force_y y0")
+    wanted = [probe | ({"material": probe["name"]} if len(probe["name"]) == 1 else {})
+              for probe in probes(*lines)]  # fmt: skip
+    tables = scene(
+        "rkpm-gauss", box(17, 9, size=[2, 1]), probe=wanted,
+        material=[neo(10.0, 40.0, "a"), neo(20.0, 80.0, "b", where="y > 0.5")],
+        boundary=[held("x0", 2), held("x1", 2, u_y=0.1), {"set": "y0", **load}],
+    )  # fmt: skip
+    found = solved(tables).last()
+    assert abs(found["whole"]) > 0.1 and abs(found["b"]) < 1e-12
+    assert found["a"] == pytest.approx(found["whole"], rel=1e-9)
+
+
+def test_fibers_without_stress_stretch_like_others():
+    """A muscle whose fibers carry nothing; other materials have none to measure."""
+    wanted = [
+        {"name": quantity, "quantity": quantity, "material": "m"} | more
+        for quantity, more in (("fiber_stretch", {}), ("pennation", {"normal": [1, 0]}))
+    ]
+    muscle = {"name": "m", "model": "muscle", "A10": 5.0, "K": 300.0, "fiber": [1, 1, 0]}
+    tables = gripped("rkpm-gauss", box(9, 5, size=[2, 1]), muscle, "x0 x1", u_x=0.3)
+    found = []
+    for stress in (0.0, 1e-9):
+        tables["material"] = [muscle | {"sigma_max": stress}]
+        found.append(solved(tables | {"probe": wanted}).last())
+    assert found[0] == pytest.approx(found[1], rel=1e-6)
+    assert found[0]["fiber_stretch"] > 1.01
+    tables["material"] = [neo(10.0, 300.0, "m")]
+    assert "no fibers" in refused(tables | {"probe": wanted})
 
 
 # ---- units of probes -----------------------------------------------------------------------------
