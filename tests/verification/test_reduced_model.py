@@ -263,10 +263,13 @@ def test_answers_of_a_model(rom: ReducedModel) -> None:
         assert one.indicator == pytest.approx(many.indicator[i], rel=1e-6)
         assert one.u().shape == (96, 3)
     assert not rom.solve(activation=0.5, u_z=0.35).inside
-    # the test measures displacements and the first force
+    # the tolerance is one of displacements and the first force, errors of all probes are measured
     rom.head["tolerance"] = 1.0
     sure = rom.solve(activation=0.3, u_z=0.1)
     assert sure.certified and sorted(sure.certified_probes) == ["middle", "reaction"]
+    assert set(sure.probe_errors) == set(many.scalars()) and min(sure.probe_errors.values()) > 0
+    assert f" +- {sure.probe_errors['reaction']:.2g} " in sure.describe()
+    assert not rom.solve(activation=0.5, u_z=0.35).probe_errors
     # beyond what any state reaches: not a number instead of a wrong value
     far = rom.solve(activation=1.0, u_z=-1.9)
     assert not far.inside and not far.converged
@@ -441,7 +444,7 @@ def test_commands(trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert found["force"] == expected.force and found["inside"] is True
     assert set(found) >= {"probes", "indicator", "converged", "iterations", "parameters"}
     assert main(["rom", "solve", str(trained), *values]) == 0
-    assert f"reaction {found['force']:.6g} N\n" in capsys.readouterr().out
+    assert f"reaction {found['force']:.6g} +- " in capsys.readouterr().out
     none = ["--set", "activation=1", "--set", "u_z=-1.9", "--json"]
     assert main(["rom", "solve", str(trained), *none]) == 1
     # not-a-number is not JSON

@@ -200,6 +200,13 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     tried = good & (answer.full < LOST)
     tried = tried if tried.any() else good
     over_estimate = float(over[tried].max())
+    full = {}
+    for probe in rom.head["probes"]:
+        found = answer.probes[probe["name"]]
+        seen = np.array([state.probes[-1][probe["index"]] for state in states])
+        full[probe["name"]] = seen[:, : found.size // len(found)].reshape(found.shape)
+    exact = answer._replace(probes=full).scalars()
+    of_probes = {name: abs(x - exact[name])[tried].max() for name, x in answer.scalars().items()}
     sure = answer.certified
     if not rom.certificate:
         # answers that it will certify once these errors are its certificate
@@ -213,6 +220,7 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
         "u": {**_spread(relative[good]), "max_of_largest": float(of_largest[good].max())},
         "force": _spread(wrong[good]),
         "over_estimate": over_estimate,
+        "probes": {name: float(error) for name, error in of_probes.items()},
         "certified": {
             "points": int(sure.sum()),
             "u": float(of_largest[sure].max(initial=0.0)),

@@ -83,7 +83,7 @@ class ReducedState:
 
     def __init__(
         self, parameters: dict[str, float], batch: Batch, shapes: F64, probe_units: dict[str, str],
-        tested: list[str],
+        tested: list[str], bars: dict[str, float],
     ) -> None:  # fmt: skip
         self.parameters = parameters  #: Values by key
         self.force: Any = batch.force[0].tolist()  #: The first force probe of the deck
@@ -100,8 +100,10 @@ class ReducedState:
         #: Whether the tolerance of the training is met, according to its test, and reasons against
         #: the answer
         self.certified = bool(batch.certified[0])
-        #: Names of the probes that this refers to: the test does not measure others, like stresses
+        #: Names of the probes that the tolerance refers to
         self.certified_probes = tested if self.certified else []
+        #: Largest errors of all probes at the test states, by the names of `Batch.scalars`
+        self.probe_errors = bars if self.certified else {}
         self.doubts = batch.doubts(0)
         self.iterations = int(batch.iterations[0])  #: Newton iterations
         self._amplitudes = batch.amplitudes[0]
@@ -114,18 +116,20 @@ class ReducedState:
     def as_dict(self) -> dict[str, Any]:
         """Content that `myork rom solve --json` prints."""
         names = (
-            "parameters", "force", "probes", "probe_units", "indicator", "inside", "converged",
-            "full", "certified", "certified_probes", "doubts", "iterations",
+            "parameters", "force", "probes", "probe_errors", "probe_units", "indicator", "inside",
+            "converged", "full", "certified", "certified_probes", "doubts", "iterations",
         )  # fmt: skip
         return {name: getattr(self, name) for name in names}
 
     def describe(self) -> str:
         """Parameters, probes and their reliability, in lines."""
         given = ", ".join(f"{key} = {_six_digits(x)}" for key, x in self.parameters.items())
-        units = self.probe_units
-        found = (
-            f"  {name} {_six_digits(v)} {units[name]}".rstrip() for name, v in self.probes.items()
-        )
+        found = []
+        for name, value in self.probes.items():
+            names = [f"{name}_{axis}" for axis in "xyz"] if isinstance(value, list) else [name]
+            bars = ", ".join(f"{self.probe_errors[k]:.2g}" for k in names if k in self.probe_errors)
+            bar = f" +- {bars}" if bars else ""
+            found.append(f"  {name} {_six_digits(value)}{bar} {self.probe_units[name]}".rstrip())
         error = f"estimated relative error of the displacement {self.indicator:.1e}"
         sure = f"within the tolerance of the training: {', '.join(self.certified_probes)}"
         held = sure if self.certified else "not certified"
@@ -298,7 +302,8 @@ class ReducedModel:
         tested = [name for kind, name in of if kind == "u"]
         tested += [name for kind, name in of if kind == "force"][:1]
         shapes = np.asarray(self._arrays["shapes"])
-        return ReducedState(named, batch, shapes, self.probe_units, tested)
+        bars = self.certificate.get("probes", {})
+        return ReducedState(named, batch, shapes, self.probe_units, tested, bars)
 
     def batch(
         self, values: F64, corrections: int | str = "converged", *, indicator: bool = False

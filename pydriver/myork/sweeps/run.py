@@ -273,13 +273,13 @@ def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) 
     start = time.process_time()
     answer = rom.batch(values[left], indicator=True)
     cpu = (time.process_time() - start) / len(left)
-    probes = answer.scalars()
+    probes, bars = answer.scalars(), rom.certificate.get("probes", {})
     for i, number in enumerate(left):
         verdict, reasons = answer.verdict(i)
         store.add(
             {
                 "point": number, "probes": {name: float(v[i]) for name, v in probes.items()},
-                "errors": {}, "message": "; ".join(reasons),
+                "errors": bars if answer.certified[i] else {}, "message": "; ".join(reasons),
                 "verdict": verdict, "cpu_s": cpu,
             }
         )  # fmt: skip
