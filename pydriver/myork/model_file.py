@@ -63,10 +63,11 @@ def model_bytes(cloud: PointCloud) -> bytes:
     # HDF5 cannot handle a full disk, so the file is made in memory
     content = io.BytesIO()
     with h5py.File(content, "w") as file:
-        for name, array in _arrays_of(cloud).items():
-            file[name] = array
-        for name, text in texts.items():
-            file[name] = np.frombuffer(text.encode(), dtype=np.uint8)
+        arrays = _arrays_of(cloud)
+        arrays |= {name: np.frombuffer(text.encode(), np.uint8) for name, text in texts.items()}
+        for name, array in arrays.items():
+            # a check sum, by which every reader notices damage; an empty array cannot have one
+            file.create_dataset(name, data=array, fletcher32=array.size > 0)
     return content.getvalue()
 
 

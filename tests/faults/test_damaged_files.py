@@ -401,6 +401,19 @@ def test_two_points_in_one_place(tmp_path: Path, kind: str) -> None:
     refuses(re.escape(what), Scene.from_tables, PULLED, cloud=body)
 
 
+@pytest.mark.parametrize("name", ["points", "fiber", "set_names"])
+def test_one_wrong_bit_of_a_model_is_noticed(model: Path, name: str) -> None:
+    """By the executable and by Python; most such bits still give a possible body."""
+    file = model / "model.h5"
+    with h5py.File(file) as content:
+        place = content[name].id.get_chunk_info(0).byte_offset
+    changed = bytearray(file.read_bytes())
+    changed[place + 1] ^= 1
+    file.write_bytes(changed)
+    assert re.search(f"{file}.*{name}.*Fletcher32", asked(model).stderr)
+    refuses(f"{file}: .*filter returned failure", read_model, file, kind=FileError)
+
+
 def test_exponents_of_three_digits_keep_their_letter(model: Path) -> None:
     asked(model)
     words = ["-v", "-o", model, "--set", "material.A10=1e115", "--set", "material.K=1e117"]
