@@ -12,6 +12,8 @@ from myork.files import alone_in, read_json, write_json
 
 #: Entries of stations before a solve; others belong to a solution (`rk_summary` has the same)
 _BEFORE = ("segmentation", "tissue", "model", "resampled", "damaged_slices")
+#: Entry of the part of a station: the overrides of the deck that it had
+ASKED = "overrides"
 #: Summary of the last finished solution until a later run has one (`rk_summary` has the same)
 WAITING = "summary.json.previous"
 

@@ -6,6 +6,7 @@ have the data; here synthetic bodies replace their files.
 
 import json
 import re
+from functools import partial
 from itertools import product
 from pathlib import Path
 
@@ -28,13 +29,15 @@ from myork.imaging.phantom import make_phantom
 from myork.model_file import read_model
 from myork.records import Image, Labels
 from myork.stations.build import build
+from myork.stations.check import check_deck
 from myork.stations.data import PATHS, data_overrides
-from myork.stations.explain import stations_of
+from myork.stations.explain import explain_deck, stations_of
 from myork.stations.folder import deck_of_folder
 from myork.stations.new import new_deck
 from myork.stations.segment import segment
 from myork.stations.solve import run_deck
 from myork.summary import read_summary, update_summary
+from myork.sweeps import sweep
 from tests.images import UNITS, affine_of, angle, centred, labels_in, phantom_dwi, save, segmented
 from tests.scenes import refuses
 
@@ -495,8 +498,9 @@ def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path)
     np.testing.assert_allclose([size, 10 * (high - low)], [[10.0, 16.0, 30.0]] * 2, atol=0.2)
 
 
-def test_a_model_of_another_label_map_is_not_solved(tmp_path):
+def test_a_model_of_another_label_map_is_not_solved(tmp_path, monkeypatch):
     """After a change of the map the force would be that of the body before."""
+    monkeypatch.chdir(tmp_path)
     voxels = np.pad(np.ones((4, 4, 6), np.uint8), 1)
     map_ = tmp_path / "l.nii.gz"
     write_labels(map_, Labels(voxels.astype(np.int32), np.eye(4)))
@@ -508,12 +512,26 @@ def test_a_model_of_another_label_map_is_not_solved(tmp_path):
         '[[boundary]]\nset = "top"\ntraction = [0, 0, 0.01]\n'
         '[[probe]]\nname = "u"\nquantity = "u_z"\nset = "top"\n[build]\nlabels = "l.nii.gz"\n'
     )
-    out = tmp_path / "out"
-    build(deck, out)
+    out = tmp_path / "out" / "a"
+    with_stride = ["build.collocation_stride=[1,1,1]"]
+    uses = [
+        partial(run_deck, deck, out), partial(explain_deck, deck, progress=lambda _: None),
+        partial(check_deck, deck, out, quick=True),
+        # the points of a sweep are those of `out/<deck>`
+        partial(sweep, deck, ["material.mu=1"], tmp_path / "a_sweep", dry_run=True),
+    ]  # fmt: skip
+    build(deck, out, overrides=with_stride)
     assert run_deck(deck, out, threads=1)["converged"]
+    for use in uses:
+        use(overrides=with_stride)
+        for word in (f"build.labels={map_}", "build.source_stride=[2,2,2]"):
+            use(overrides=[word])
+        for word in ("build.source_stride=[1,1,1]", "image.region=a.nii.gz"):
+            refuses(f"--set {re.escape(word)}: acts before .* is made", use, overrides=[word])
     voxels[1] = 0
     write_labels(map_, Labels(voxels.astype(np.int32), np.eye(4)))
-    refuses("build.labels: .* is not the file that .*model.h5 was built from", run_deck, deck, out)
+    for use in uses:
+        refuses("build.labels: .* is not the file that .*model.h5 was built from", use)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from myork.console import silent
 from myork.core.galerkin import galerkin_parts, load_parts, modal_products
 from myork.core.online import Model, assemble
 from myork.errors import FileError, InputError
+from myork.model_file import read_model, write_model
 from myork.rom import projection
 from myork.rom.check import compare
 from myork.rom.map import map_model
@@ -433,6 +435,17 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
         (other, given, "was trained on a deck other than"),
     ):
         refuses(message, sweep, of, vary, tmp_path / "none", model=trained, overrides=overrides)
+
+
+def test_a_model_trained_on_other_points_is_not_swept(voxel_rom: Path, tmp_path: Path) -> None:
+    for name in ("model.h5", "muscle.toml"):
+        shutil.copy(voxel_rom.with_name(name), tmp_path)
+    words = tmp_path / "muscle.toml", ["load.activation=0.2"], tmp_path / "out"
+    given = {"model": voxel_rom, "overrides": ["boundary.top.u_z=0.05"]}
+    sweep(*words, **given)
+    points = read_model(tmp_path / "model.h5")
+    write_model(tmp_path / "model.h5", replace(points, fiber=points.fiber[:, ::-1]))
+    refuses("was trained on other points than those of model.h5", sweep, *words, **given)
 
 
 @pytest.mark.slow

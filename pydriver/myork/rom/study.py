@@ -14,6 +14,7 @@ from myork.core.states import Fields, States
 from myork.errors import InputError
 from myork.rom.basis import proper_orthogonal_modes
 from myork.rom.probes import named_probes
+from myork.stations.solve import refuse_other_model
 from myork.summary import read_summary, renewing, update_summary
 from myork.tables import NOT_TABLES, override_text
 from myork.types import F64
@@ -45,6 +46,7 @@ def run_rom(
     out = Path(out)
     asked, overrides = list(overrides), _with_steps(deck, overrides, progress)
     with renewing(out, "rom"), _open(deck, overrides, out, threads) as scene:
+        refuse_other_model(scene.deck, out, asked)
         _check_modes(scene)
         progress(f"full model: {scene.dofs} unknowns, {scene.rows} equations")
         study = _study(scene, *_solved(scene, progress), progress)

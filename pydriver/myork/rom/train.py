@@ -43,6 +43,7 @@ from myork.rom.parameters import (
 from myork.rom.places import place_arrays
 from myork.rom.sampling import force_lifts, sample_cells, sample_forces
 from myork.rom.setting import Setting, Snapshots, force_values, make_setting
+from myork.stations.solve import refuse_other_model
 from myork.tables import override_text
 from myork.types import F64, I64
 
@@ -146,6 +147,7 @@ def train(
     if full_solves < 4:
         raise InputError(f"at least 4 full solves are needed, not {full_solves}")
     path = model_path(values, deck.parent, None if out is None else Path(out))
+    refuse_other_model(values, Path(deck.parent if out is None else out), overrides)
     cloud = None if path is None else read_model(path)
     if cloud is not None and cloud.activation is not None:
         raise InputError(f"{path}: activation: reduced models do not support activations of points")

@@ -13,6 +13,7 @@ from myork.core.material import Material, energy
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, InputError
 from myork.files import write_json
+from myork.stations.solve import refuse_other_model
 from myork.types import F64
 
 #: Accuracy of central differences with a step of 1e-6 of the state
@@ -49,6 +50,7 @@ def check_deck(
     """
     folder = None if out is None else Path(out)
     values = load_deck(deck, overrides, "solve")
+    refuse_other_model(values, folder or Path(values["folder"]), overrides)
     found: list[Check] = []
 
     def note(name: str, run: Callable[..., tuple[bool | None, str]], *given: Any) -> None:

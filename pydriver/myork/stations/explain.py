@@ -10,7 +10,7 @@ from myork.core.cloud import model_path
 from myork.core.deck import load_deck, step_count
 from myork.errors import FileError
 from myork.imaging.io import read_image
-from myork.stations.solve import run_executable, set_options
+from myork.stations.solve import refuse_other_model, run_executable, set_options
 
 
 def explain_deck(
@@ -34,6 +34,7 @@ def explain_deck(
         for line in _stations(values):
             progress(line)
         return
+    refuse_other_model(values, folder, overrides)
     options = ["--explain"] if out is None else ["--explain", "-o", str(out)]
     more = _states(deck, values, overrides)
 

@@ -31,8 +31,10 @@ from myork.errors import (
 )
 from myork.files import alone_in, write_text
 from myork.model_file import read_model
-from myork.summary import readable_summary, update_summary
+from myork.summary import ASKED, asked, readable_summary, update_summary
 
+#: Tables of a deck that act on images, before the model that a solve reads is made
+BEFORE = ("image", "phantom", "dixon", "bias", "muscle", "tissue", "build")
 _NAME = "myork-solve"
 #: Exit status of a program that the system's loader cannot start
 _DOES_NOT_LOAD = 127
@@ -100,7 +102,13 @@ def run_deck(
         text, deck = text_of_tables(deck), Path(out, "deck.toml")
         deck.parent.mkdir(parents=True, exist_ok=True)
         write_text(deck, text)
-    _refuse_changed(deck, overrides, Path(out))
+    try:
+        values = load_deck(deck, overrides, "solve")
+    except MyorkError:
+        values = None  # the executable reports it
+    if values is not None:
+        with asked(Path(out)):
+            refuse_other_model(values, Path(out), overrides)
     options = ["-o", str(out)]
     if threads is not None:
         options += ["-t", str(threads)]
@@ -128,30 +136,49 @@ def run_deck(
     return _with_estimate(summary, Path(out), progress)
 
 
-def _refuse_changed(deck: str | Path, overrides: Sequence[str], out: Path) -> None:
-    """Refuse a model that was built from another label map, or other file, than the deck names."""
+def refuse_other_model(values: Mapping[str, Any], out: Path, overrides: Sequence[str]) -> None:
+    """Refuse a model that was built from other files, or by other overrides, than are given now.
+
+    - `values`: effective deck
+    - `out`: folder in which its model is looked for first
+    """
     try:
-        values = load_deck(deck, overrides, "solve")
-        path = model_path(values, Path(values["folder"]), out) if "build" in values else None
-        lines = read_model(path).source_images.splitlines() if path else []
+        path = model_path(values, Path(values["folder"]), out)
+        cloud = read_model(path) if path else None
     except MyorkError:
-        return  # the executable reports it
-    if not lines:
+        return  # whoever reads the points reports it
+    if path is None or cloud is None:
         return
+    lines = cloud.source_images.splitlines()
     # images are read with large packages, which other decks do not need
     from myork.stations.build import check_sum
 
-    built_from = {line.rpartition(" ")[0] for line in lines}
+    built_from, checked = {line.rpartition(" ")[0] for line in lines}, set()
     for key in ("labels", "fibers", "fractions", "activation", "surface"):
         if not (name := values["build"].get(key)):
             continue
         file = Path(values["folder"], name)
         if not (file.is_file() and file.name in built_from):
             continue
+        checked.add(f"build.{key}")
         if f"{file.name} {check_sum(file)}" not in lines:
             raise InputError(
-                f"{deck}: build.{key}: {file} is not the file that {path} was built from: run "
-                f"`myork build` again, or give that file by --set build.{key}=PATH"
+                f"{values['path']}: build.{key}: {file} is not the file that {path} was built "
+                f"from: run `myork build` again, or give that file by --set build.{key}=PATH"
+            )
+    if cloud.voxels is not None:
+        # a solve asks whether the spacing of the model was chosen
+        stride = np.rint(cloud.spacing.min(axis=0) / cloud.voxels.size)
+        if np.array_equal(stride, values["build"]["source_stride"]):
+            checked.add("build.source_stride")
+    parts = readable_summary(path.parent).values()
+    acted = [word for part in parts if isinstance(part, dict) for word in part.get(ASKED, ())]
+    for word in overrides:
+        key = word.partition("=")[0].strip()
+        if key.partition(".")[0] in BEFORE and key not in checked and word not in acted:
+            raise InputError(
+                f"--set {word}: acts before {path} is made, which was built without it: give it "
+                "to `myork build` (and `myork segment`), or to `myork run`"
             )
 
 

@@ -11,7 +11,7 @@ from myork.console import ProgressCallback, silent
 from myork.core.deck import load_deck
 from myork.core.threads import core_threads
 from myork.errors import FileError, InputError
-from myork.summary import renewing, update_summary, with_others
+from myork.summary import ASKED, renewing, update_summary, with_others
 
 #: Work of a station: effective deck, folder of the results, progress -> parts of the summary
 Work = Callable[[Mapping[str, Any], Path, ProgressCallback], dict[str, Any]]
@@ -47,6 +47,11 @@ def station(command: str, *parts: str) -> Callable[[Work], Callable[..., dict[st
                 except (FileError, InputError) as reason:
                     raise type(reason)(_placed(str(reason), values)) from reason
                 grid = found.pop("grid")
+                found |= {
+                    name: found[name] | {ASKED: list(overrides)}
+                    for name in parts
+                    if found.get(name)
+                }
                 lists = {"resampled": grid.moved, "damaged_slices": grid.damaged}
                 summary = {
                     "title": values["title"],

@@ -14,11 +14,9 @@ from myork.core.deck import load_deck
 from myork.errors import FileError, InputError, MyorkError
 from myork.rom.parameters import grid_in, number_in
 from myork.rom.probes import probe_columns
+from myork.stations.solve import BEFORE
 
 _FORMS = "KEY=LOW:HIGH:N, KEY=value,value,... or KEY=lhs(LOW,HIGH)"
-
-#: Tables of a deck that act on images, before the model that a sweep solves is made
-_BEFORE = ("image", "dixon", "bias", "muscle", "tissue", "build")
 
 #: More points are considered a mistake
 _MOST = 1_000_000
@@ -63,7 +61,7 @@ def make_plan(vary: Sequence[str], samples: int = 32, seed: int = 0) -> Plan:
         key, sign, text = (part.strip() for part in item.partition("="))
         if not (key and sign and text):
             raise InputError(f"--vary {item}: {_FORMS} is needed")
-        if (table := key.partition(".")[0]) in _BEFORE:
+        if (table := key.partition(".")[0]) in BEFORE:
             raise InputError(
                 f"--vary {item}: a sweep solves one model, and [{table}] acts before it is made; "
                 "call `myork run` with each value"
@@ -117,12 +115,12 @@ def _samples(
 
 
 def identity(
-    plan: Plan, out: Path, model: Path | None = None, model_probes: Sequence[str] = ()
+    plan: Plan, home: Path, model: Path | None = None, model_probes: Sequence[str] = ()
 ) -> dict[str, Any]:
     """Identity of a sweep: sweeps with equal contents are equal, wherever their files are.
 
     - `plan`: points and their deck
-    - `out`: folder of the sweep, in which the model file of the deck is looked for first
+    - `home`: folder in which the model file of the deck is looked for first
     - `model`, `model_probes`: reduced model used, and names of the probes that it knows
     - returns digests of the files by kind (`inputs`), overrides, keys and points
     - raises InputError: two columns of the table would have the same name
@@ -142,7 +140,7 @@ def identity(
             continue
         probes = one["probe"]
         if model is None:
-            file = model_path(one, Path(one["folder"]), out)
+            file = model_path(one, Path(one["folder"]), home)
             paths |= {} if file is None else {f"geometry.file = {one['geometry']['file']}": file}
         else:
             probes = [probe for probe in probes if probe["name"] in model_probes]

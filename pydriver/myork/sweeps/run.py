@@ -24,13 +24,23 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from myork.console import ProgressCallback, silent
+from myork.core.cloud import model_of
 from myork.core.deck import deck_key, load_deck
 from myork.core.scene import Scene
-from myork.errors import ConvergenceError, InputError, InstallationError, MyorkError, optional
+from myork.errors import (
+    ConvergenceError,
+    FileError,
+    InputError,
+    InstallationError,
+    MyorkError,
+    optional,
+)
 from myork.files import alone_in
+from myork.model_file import model_bytes
 from myork.rom.model import ReducedModel
 from myork.rom.probes import places_of, units_of
 from myork.stations.explain import explain_deck
+from myork.stations.solve import refuse_other_model
 from myork.sweeps.plan import Plan, identity, make_plan
 from myork.sweeps.store import Store, has_parquet, read_points
 from myork.types import F64
@@ -70,7 +80,8 @@ def sweep(
     - `deck`: deck file
     - `vary`: `KEY=LOW:HIGH:N`, `KEY=a,b,c` or `KEY=lhs(LOW,HIGH)` each; KEY is any key of the
       deck
-    - `out`: folder of `sweep.csv`, `sweep.parquet` and `points.jsonl`
+    - `out`: folder of `sweep.csv`, `sweep.parquet` and `points.jsonl`. The model file of the deck
+      is looked for there, in `out/<deck>`, where `myork build` writes it, and beside the deck.
     - `samples`: number of samples of sampled keys
     - `workers`: number of processes; default all cores
     - `dask`: address of a Dask scheduler, or "local" for a Dask cluster on this machine
@@ -94,11 +105,16 @@ def sweep(
     workers = workers or os.cpu_count() or 1
     where = "the reduced model" if model else f"Dask at {dask}" if dask else f"{workers} processes"
     progress(f"{len(plan.points)} points of {', '.join(plan.keys)} by {where}")
+    places = out, Path("out", plan.deck.stem)
+    file = one["geometry"].get("file", "")
+    home = next((folder for folder in places if Path(folder, file).is_file()), places[1])
     rom = None if model is None else ReducedModel.load(model)
     if rom is not None:
-        values = _model_values(plan, rom, Path(model or ""))
+        values = _model_values(plan, rom, Path(model or ""), home)
+    else:
+        refuse_other_model(one, home, plan.overrides)
     head = identity(
-        plan, out, None if model is None else Path(model),
+        plan, home, None if model is None else Path(model),
         () if rom is None else [probe["name"] for probe in rom.head["probes"]],
     )  # fmt: skip
     if dry_run:
@@ -106,7 +122,7 @@ def sweep(
             progress(f"  {', '.join(plan.settings(point))}")
         if len(plan.points) > _SHOWN:
             progress(f"  and {len(plan.points) - _SHOWN} more")
-        for line in _cost(plan, out, head):
+        for line in _cost(plan, out, home, head):
             progress(line)
         return out / "sweep.csv"
     about = {
@@ -124,7 +140,7 @@ def sweep(
                 _reduced(rom, values, left, store)
             elif left:
                 with _workers(dask, min(workers, len(left))) as team:
-                    _full(plan, left, out, team, store, progress)
+                    _full(plan, left, home, team, store, progress)
         finally:
             # a run without results leaves nothing
             if store.rows or not left:
@@ -143,7 +159,7 @@ def sweep(
     return table
 
 
-def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
+def _cost(plan: Plan, out: Path, home: Path, head: Mapping[str, Any]) -> list[str]:
     """Cost of all points: from finished ones, otherwise from the counts of the middle one."""
     count = len(plan.points)
     times = [row["cpu_s"] for row in read_points(out / "points.jsonl", head).values()]
@@ -157,7 +173,7 @@ def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
         ]
     lines: list[str] = []
     middle = plan.items(count // 2)
-    explain_deck(plan.deck, out=out, overrides=middle, progress=lines.append)
+    explain_deck(plan.deck, out=home, overrides=middle, progress=lines.append)
     found = re.search(_TIME, "\n".join(lines))
     if found is None:
         return []
@@ -168,7 +184,7 @@ def _cost(plan: Plan, out: Path, head: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]:
+def solve_point(deck: str, overrides: Sequence[str], home: str) -> dict[str, Any]:
     """Solve a deck with overrides; an error is returned as a message, not raised.
 
     Returns `probes`: values of the last step by name, vectors by components; `errors`: their error
@@ -177,7 +193,7 @@ def solve_point(deck: str, overrides: Sequence[str], out: str) -> dict[str, Any]
     start = time.process_time()
     row: dict[str, Any] = {"probes": {}, "errors": {}, "verdict": "failed", "message": ""}
     try:
-        with Scene(deck, overrides, Path(out), threads=1) as scene:
+        with Scene(deck, overrides, Path(home), threads=1) as scene:
             try:
                 states = scene.solve()
                 row["verdict"] = states.verdict
@@ -203,7 +219,7 @@ class _Team(NamedTuple):
 
 
 def _full(
-    plan: Plan, left: Sequence[int], out: Path, team: _Team, store: Store,
+    plan: Plan, left: Sequence[int], home: Path, team: _Team, store: Store,
     progress: ProgressCallback,
 ) -> None:  # fmt: skip
     """Solve points; a worker that dies costs its point a message, but does not stop the sweep."""
@@ -217,7 +233,7 @@ def _full(
         while waiting or running:
             while waiting and len(running) < team.size:
                 number = waiting.pop()
-                words = str(plan.deck.resolve()), plan.items(number), str(out)
+                words = str(plan.deck.resolve()), plan.items(number), str(home)
                 running[pool.submit(solve_point, *words)] = number, pool
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 number, own = running.pop(future)
@@ -251,10 +267,21 @@ def _full(
             pool.shutdown(cancel_futures=True)
 
 
-def _model_values(plan: Plan, rom: ReducedModel, path: Path) -> F64:
+def _model_values(plan: Plan, rom: ReducedModel, path: Path, home: Path) -> F64:
     """Values of the parameters of a reduced model at all points; it must belong to this deck."""
     trained = list(rom.head["overrides"])
-    if load_deck(plan.deck, trained, "solve")["sha256"] != rom.head["deck_sha256"]:
+    deck = load_deck(plan.deck, trained, "solve")
+    try:
+        points = model_of(deck, Path(deck["folder"]), home)
+    except FileError:
+        points = None  # a reduced model needs no other file
+    own = rom.full_model().cloud
+    if points is not None and own is not None and model_bytes(points) != model_bytes(own):
+        raise InputError(
+            f"{path}: was trained on other points than those of {deck['geometry']['file']} of "
+            f"{plan.deck}: train it again"
+        )
+    if deck["sha256"] != rom.head["deck_sha256"]:
         raise InputError(
             f"{path}: was trained on a deck other than {plan.deck}; sweep that one, or train it "
             "again"
