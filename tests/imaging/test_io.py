@@ -269,6 +269,11 @@ def test_times_of_the_deck_stand_before_those_of_headers(tmp_path):
     np.testing.assert_allclose([*times, strength], [1.2, 2.4, 3.0])
     own = files(tmp_path, echo_times=[2.3, 4.6], field_strength=1.5)
     assert _times(own, print) == ([2.3, 4.6], 1.5)
+    assert "2.3 ms for s_echo-1_MEGRE.nii.gz, its header 1.2 ms" in own.grid.doubts[0]
+    near = files(tmp_path, echo_times=[1.15, 2.3], field_strength=3.0)
+    assert _times(near, print)[1] == 3.0 and not near.grid.doubts
+    table(tmp_path / "s_echo-2_MEGRE.json", EchoTime=0)
+    assert _times(near, print)[1] == 3.0
 
 
 THICK = np.diag([1.5, 1.5, 4.0, 1.0])

@@ -42,6 +42,8 @@ _BEYOND = (0,)
 _MUSCLE = 1
 # Skin, between fat and air, is as grey as their mixture; bone is dark and bright.
 _UNMIXED = (0, 4)
+# Part by which echo times of a deck and of a header may differ; those of decks are often rounded
+_OTHER_TIME = 0.1
 
 
 @station("segment", "segmentation", "tissue")
@@ -374,12 +376,23 @@ def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float
     """Echo times [ms] and field [T] from the deck, else from headers; empty if both lack them."""
     table = files.table
     times, strength = table.get("echo_times", ()), table.get("field_strength", 0.0)
+    paths = [files.folder / name for name in table["magnitude"]]
+    try:
+        headers = [read_header(path) for path in paths]
+    except InputError:
+        if times and strength:
+            return times, strength
+        raise
+    for path, time, own in zip(paths, times, headers, strict=False):
+        if own.echo_time is not None and abs(own.echo_time - time) > _OTHER_TIME * time:
+            files.grid.doubt(
+                f"dixon.echo_times has {time:g} ms for {path.name}, its header {own.echo_time:.4g} "
+                "ms: look at the order of dixon.magnitude, dixon.phase and dixon.echo_times"
+            )
     if times and strength:
         return times, strength
-    paths = [files.folder / name for name in table["magnitude"]]
     for path in paths:
         files.grid.tell_strangers(path, described_by(path, "json"))
-    headers = [read_header(path) for path in paths]
     written = [one.echo_time for one in headers if one.echo_time is not None]
     fields = {one.field for one in headers if one.field is not None}
     found = times or written, strength or (fields.pop() if len(fields) == 1 else 0.0)
