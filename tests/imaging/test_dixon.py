@@ -318,6 +318,9 @@ def test_water_and_fat_of_the_scanner_are_as_good(tmp_path):
     ({}, {"magnitude": DIXON["magnitude"]}, "dixon.phase: missing"),
     ({"anatomy": "m0.nii.gz"}, DIXON, "take image.anatomy out"),
     ({"fat": "m0.nii.gz"}, DIXON, "take image.fat out"),
+    ({"anatomy": "m0.nii.gz", "fat": "m0.nii.gz"}, {}, "image.anatomy and image.fat: .* same val"),
+    ({}, DIXON | {"magnitude": ["m1.nii.gz"] * 2}, "dixon.magnitude: .* same values"),
+    ({}, DIXON | {"phase": DIXON["magnitude"]}, "dixon.magnitude and dixon.phase: .* same values"),
     ({}, DIXON | {"echo_times": [2.3, 4.6]}, "2 echoes need 2 different echo times and a fiel"),
     ({}, {key: names[:1] for key, names in DIXON.items()}, "1 echoes need"),
 ])  # fmt: skip

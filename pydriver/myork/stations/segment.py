@@ -9,6 +9,7 @@ adds `tissue`, `tissue_fibers`, `tissue_fractions` and memberships in fuzzy clus
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -284,6 +285,7 @@ def read_images(
     found, anatomy = _echoes(deck, files, progress), files.image("anatomy")
     if anatomy is not None:
         found = Images(anatomy, fat=files.image("fat", anatomy), source=table["anatomy"])
+        _check_different("image.anatomy and image.fat", [anatomy, found.fat])
     if found is None:
         stray = [key for key in ("tensor", "dwi", "truth", "fat") if key in table]
         stray += ["channels"] if table["channels"] else []
@@ -357,6 +359,9 @@ def _echoes(
     first = magnitudes[0]
     # a phase is cyclic: its mean is meaningless
     phases, mask = files.images("phase", first, "nearest"), beside.labels("body", first)
+    _check_different("dixon.magnitude", magnitudes)
+    for pair in zip(magnitudes, phases, strict=False):
+        _check_different("dixon.magnitude and dixon.phase", pair)
     if mask is not None:
         body = mask.data > 0
     else:
@@ -370,6 +375,16 @@ def _echoes(
         source=files.table["magnitude"][0],
         doubt=found.doubt,
     )
+
+
+def _check_different(keys: str, images: Sequence[Image | None]) -> None:
+    """Refuse an image that is given twice, in place of one of another kind."""
+    for one, other in combinations([own for own in images if own is not None], 2):
+        if np.array_equal(one.data, other.data):
+            raise InputError(
+                f"{keys}: {one.name} and {other.name} have the same values in all voxels; give "
+                "the image of each kind"
+            )
 
 
 def _times(files: DeckFiles, progress: ProgressCallback) -> tuple[Sequence[float], float]:
