@@ -483,12 +483,16 @@ def test_exchanged_gradient_axes_are_said_where_tensors_become_fibers(tmp_path):
 def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path):
     data = np.zeros((12, 8, 6), np.int32)
     data[:5], data[7:] = 3, 12
-    save(tmp_path, affine_of((2, 2, 5)), l=data)
+    save(
+        tmp_path, affine_of((2, 2, 5)), l=data, a=np.where(np.arange(6) < 3, 0.8, 0.0) * (data > 0)
+    )
     material = {"name": "m", "label": 12, "model": "neo-hookean", "mu": 1.0, "K": 9.0}
     deck = {"scene": {"dimension": 3}, "units": UNITS | {"length": "cm"}, "material": [material]}
     deck["build"] = {"labels": str(tmp_path / "l.nii.gz"), "ids": [12], "source_stride": [2, 2, 2]}
+    deck["build"]["activation"] = str(tmp_path / "a.nii.gz")
     lines = []
     found = build(deck, tmp_path / "out", progress=lines.append)["model"]
+    assert "build.activation: 0.4 on average over the model" in lines
     assert [row["muscle"] for row in found["muscles"]] == ["m"]
     (said,) = [line for line in lines if line.startswith("body of ")]
     places = r"\((.+), (.+), (.+)\)"

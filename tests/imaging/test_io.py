@@ -472,6 +472,10 @@ def test_what_a_grid_does_not_hold_is_said(calves):
     assert "40 mm apart" in move.said and "one of the headers is wrong" in move.doubts[0]
     assert move.doubts[1].endswith("no voxel of the grid lies in peroneus")
     assert "the rest lies beyond it" in move.doubts[2]
+    half = Image(np.ones((4, 4, 4)), np.eye(4), "active")
+    bar = Labels(np.ones((4, 4, 8), np.int32), np.eye(4), {1: "soleus"})
+    (doubt,) = on_grid(half, bar)[1].doubts
+    assert doubt == "active: has no value, taken as 0, in 50 % of soleus"
 
 
 @pytest.mark.slow

@@ -22,6 +22,8 @@ from myork.types import F64, Mask
 WAYS = ("nearest", "linear", "tensor-wise")
 # Labels that lose more of their volume than this are reported.
 _LOST = 0.05
+# Part of a label beyond an image from which on it is reported.
+_BEYOND = 0.01
 
 
 class Move(NamedTuple):
@@ -73,6 +75,8 @@ def on_grid(image: Grid, like: Image | Labels, way: str = "") -> tuple[Grid, Mov
         )
     if isinstance(image, Labels) and isinstance(moved, Labels):
         doubts += _lost(image, moved)
+    elif isinstance(like, Labels):
+        doubts += _beyond(image, like, ~reach)
     return moved, Move(image.name, way, shift, said, tuple(doubts))
 
 
@@ -130,6 +134,16 @@ def _extent(image: Image | Labels) -> str:
     """Bounding box of the corners of an image in the world [mm]."""
     ends = zip("xyz", corners(image).min(axis=0), corners(image).max(axis=0), strict=True)
     return ", ".join(f"{axis} {low:.4g} to {high:.4g}" for axis, low, high in ends)
+
+
+def _beyond(image: Grid, labels: Labels, outside: Mask) -> list[str]:
+    """Sentence about labels that an image does not cover."""
+    parts = {
+        name: float(outside[labels.data == number].mean())
+        for number, name in labels.present.items()
+    }
+    said = [f"{100.0 * part:.0f} % of {name}" for name, part in parts.items() if part > _BEYOND]
+    return [f"{image.name}: has no value, taken as 0, in {', '.join(said)}"] if said else []
 
 
 def _lost(before: Labels, after: Labels) -> list[str]:

@@ -57,6 +57,9 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
     millimetres = " x ".join(f"{edge:.4g}" for edge in (high - low) / length_factor(unit))
     corners = (", ".join(f"{x:.4g}" for x in corner) for corner in (low, high))
+    if cloud.activation is not None:
+        mean = np.average(cloud.activation, weights=cloud.volume)
+        progress(f"build.activation: {mean:.3g} on average over the model")
     progress("body of {} mm, from ({}) to ({}) {}".format(millimetres, *corners, unit))
     write_model(out / "model.h5", cloud)
     maps = _maps(body, files, out)
