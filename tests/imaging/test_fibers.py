@@ -113,6 +113,9 @@ def test_signs_of_vectors_do_not_matter():
     points = np.argwhere(labels.data).astype(float), np.ones(180, np.int32), (1, 1, 1)
     said = "fibers, soleus: .* have no usable fiber vector"
     refuses(said, fibers_at_points, Image(data, np.eye(4), "fibers"), labels, *points)
+    for empty in (0.0, np.nan):
+        none = Image(np.full(data.shape, empty), np.eye(4), "fibers")
+        refuses("fibers: contains no fiber: all", fibers_at_points, none, labels, *points)
 
 
 def test_labels_do_not_mix_and_one_may_have_no_fibers():

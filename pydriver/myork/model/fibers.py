@@ -163,6 +163,8 @@ def fibers_at_points(
     - returns unit vectors, shape `(npoint, 3)`; zeros for a label without any fiber
     """
     unit, valid = unit_vectors(fibers.data)
+    if not valid.any():
+        raise InputError(f"{fibers.name}: contains no fiber: all vectors are zero or not finite")
     dyads = dyads_of(unit)
     result = np.zeros(place.shape)
     for number in np.unique(label):
