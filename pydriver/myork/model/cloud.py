@@ -210,6 +210,7 @@ def _doubts(coarse: Labels, boundary: Boundary) -> list[str]:
     if not np.array_equal(frame(coarse.affine), np.eye(3)):
         warnings.append(
             "the image is rotated against the world axes: the model's x, y, z are the voxel axes "
-            "nearest to right, anterior, superior; fibers were turned with them"
+            "nearest to right, anterior, superior; fibers of images were turned with them, fibers "
+            "in [[material]] and all loads and points of the deck are in x, y, z of the model"
         )
     return warnings
