@@ -38,7 +38,17 @@ from myork.stations.segment import segment
 from myork.stations.solve import run_deck
 from myork.summary import read_summary, update_summary
 from myork.sweeps import sweep
-from tests.images import UNITS, affine_of, angle, centred, labels_in, phantom_dwi, save, segmented
+from tests.images import (
+    UNITS,
+    affine_of,
+    angle,
+    built,
+    centred,
+    labels_in,
+    phantom_dwi,
+    save,
+    segmented,
+)
 from tests.scenes import refuses
 
 AFFINE = np.diag([2.0, 2.0, 6.0, 1.0])
@@ -478,6 +488,14 @@ def test_exchanged_gradient_axes_are_said_where_tensors_become_fibers(tmp_path):
         build(tmp_path / "deck.toml", tmp_path / "out", progress=lines.append)
         warned = [line for line in lines if "axes of the diffusion gradients are swapped" in line]
         assert bool(warned) == said and all(line.startswith("warning") for line in warned)
+    along = read_image(tmp_path / "out" / "fibers.nii.gz", 3).data[..., ::-1]
+    for axes, said in ((along, False), (along[..., ::-1], True)):
+        save(tmp_path, affine_of((1, 1, 2.5)), f=3.0 * np.where(inside[..., None], axes, np.nan))
+        table = {"labels": "bar.nii.gz", "fibers": "f.nii.gz", "source_stride": [4, 4, 2]}
+        warned = [
+            text for text in built(tmp_path, **table)["warnings"] if "cross the walls" in text
+        ]
+        assert len(warned) == said
 
 
 def test_build_says_its_size_and_leaves_labels_out_that_are_not_chosen(tmp_path):

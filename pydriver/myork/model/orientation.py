@@ -10,13 +10,14 @@ axes is tried, with one axis flipped or none (two flips equal the third: fibers 
 The length of tracts is no evidence: wrong axes make tracts in pennate muscles three times as long.
 """
 
+from dataclasses import replace
 from itertools import permutations
 from typing import NamedTuple
 
 import numpy as np
 from scipy import ndimage
 
-from myork.imaging.diffusion import parse_axes
+from myork.imaging.diffusion import parse_axes, unit_vectors
 from myork.imaging.geometry import frame, slice_axis, with_axis_at
 from myork.model.normals import surface_normals
 from myork.records import Image, Labels
@@ -63,6 +64,7 @@ def check_orientation(fibers: Image, muscles: Labels, affine: F64 | None = None)
       that of the fibers
     """
     columns = frame(fibers.affine if affine is None else affine)
+    fibers = replace(fibers, data=unit_vectors(fibers.data)[0])
     vector, normal = _at_walls(fibers, muscles)
     if not len(vector):
         return Finding([], "", "")

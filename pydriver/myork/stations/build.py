@@ -23,6 +23,7 @@ from myork.model.architecture import COLUMNS, Maps, cut_sides, muscle_numbers
 from myork.model.cloud import Body, build_cloud
 from myork.model.fibers import fibers_of_labels
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
+from myork.model.orientation import check_orientation
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
 from myork.segmentation.images import Images
@@ -157,6 +158,14 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
             )
     labels = replace(labels, names=names | labels.names)
     fibers = None if files.table["flow"] else files.image("fibers", labels, 3)
+    if fibers is not None and "fibers" in files.table:
+        found = check_orientation(fibers, labels)
+        if found.doubt:
+            files.grid.doubt(
+                f"{fibers.name}: fibers cross the walls of muscles, mean square cosine with their "
+                f"normals {found.evidence[0].crossing:.2f} (.33 at random): its volumes must be "
+                "the components to the right, anterior and superior"
+            )
     return Body(labels, fibers, fractions=files.image("fractions", labels, None))
 
 
