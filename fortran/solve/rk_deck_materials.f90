@@ -66,7 +66,7 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
    !> Material of each fraction, shape (nf); not allocated where points have none
    integer, allocatable, intent(inout) :: material_of(:)
    type(error_type), allocatable, intent(inout) :: error
-   character(len=:), allocatable :: at
+   character(len=:), allocatable :: at, labels
    real(wp), allocatable :: direction(:)
    type(error_type), allocatable :: fault
    logical :: by_label, found
@@ -92,8 +92,9 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
                & 'no point lies there, or materials given later cover it; a thin one needs ' &
                & //'more points across it (geometry.source)', error)
          else
-            call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label), &
-               & error)
+            call list_labels(scene%cloud%label, labels)
+            call deck%complain(at//'.label', 'no point has label '//to_text(tissue%label) &
+               & //'; the labels of the points are '//labels, error)
          end if
          return
       end if
@@ -108,6 +109,20 @@ subroutine read_tissue(scene, k, deck, regions, material_of, error)
       end if
    end associate
 end subroutine read_tissue
+
+!> Different labels, ascending
+pure subroutine list_labels(label, text)
+   integer, intent(in) :: label(:)
+   character(len=:), allocatable, intent(out) :: text
+   integer :: own
+
+   own = minval(label)
+   text = to_text(own)
+   do while (any(label > own))
+      own = minval(label, mask=label > own)
+      text = text//', '//to_text(own)
+   end do
+end subroutine list_labels
 
 !> Fractions of the materials from those of labels
 subroutine set_parts(scene, material_of, deck, error)

@@ -213,6 +213,7 @@ def test_slices_and_blocks_of_models():
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"ids": [4]}, r"no voxel has label \[4\]; the labels there are: 1"),
+    ({"bone": [9]}, r"no voxel has label \[9\]; the labels there are: 1"),
     ({"slices": [3, 9]}, r"build.slices = \[3, 9\] does not lie in the 6 slices"),
     ({"collocation_stride": [2, 2, 1], "source_stride": [3, 4, 1]}, "must be a multiple of bu"),
     (dict.fromkeys(("collocation_stride", "source_stride"), [40, 40, 1]), "nothing is left of"),

@@ -103,6 +103,14 @@ def test_fibers_of_a_deck_are_those_of_its_points() -> None:
             tables, replace(points, fiber=across))  # fmt: skip
 
 
+def test_a_label_without_points_is_refused_with_those_there_are() -> None:
+    points = cloud()
+    label = np.where(np.arange(len(points.points)) < 9, 4, 2)
+    tables = {**PULLED, "material": [{**CUBE["material"][0], "label": 7}]}
+    said = "rubber.label: no point has label 7; the labels of the points are 2, 4"
+    refuses(said, Scene.from_tables, tables, replace(points, label=label))
+
+
 @pytest.mark.parametrize("change", [
     lambda deck: deck["load"].update(steps=5),
     lambda deck: deck.__setitem__("load", {}),

@@ -87,6 +87,11 @@ def test_errors_begin_with_file_line_and_key(build, tmp_path, table, message):
     assert f"body.toml:{line}: build." in said
 
 
+def test_a_label_of_a_material_that_the_map_lacks_is_named(build) -> None:
+    said = build(source_stride=[4, 4, 2])["model"]["warnings"][0]
+    assert "material.fat.label: no voxel of " in said and "4; the labels there are 1, 2" in said
+
+
 # ---- example decks, and self-checks of decks -----------------------------------------------------
 
 

@@ -37,15 +37,15 @@ def select(
     - `slices`: first and last slice to keep, counted from 0 at the lower end
     - `bone`: labels of bone, which is no part of the model but bounds it; they become `BONE`
     """
-    data = np.where(np.isin(labels.data, bone), BONE, labels.data).astype(np.int32)
-    present = np.unique(data[data > 0])
-    missing = sorted(set(ids) - set(present.tolist()))
-    if missing or not len(present):
+    present = list(labels.present)
+    missing = sorted({*ids, *bone} - {*present} | {*ids} & {*bone})
+    if missing or not present:
         raise InputError(
             f"{labels.name}: "
             + (f"no voxel has label {missing}" if missing else "no voxel has a label above zero")
             + f"; the labels there are: {', '.join(map(str, present)) or 'none'}"
         )
+    data = np.where(np.isin(labels.data, bone), BONE, labels.data).astype(np.int32)
     data = np.where(np.isin(data, [*ids, BONE]), data, 0) if len(ids) else data
     low, high = (0, data.shape[2] - 1) if slices is None else slices
     if not 0 <= low <= high < data.shape[2]:

@@ -147,6 +147,12 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
     labels = files.labels("labels")
     assert labels is not None
     names = {own["label"]: own["name"] for own in materials if "label" in own}
+    for label, name in names.items():
+        if label not in labels.present:
+            files.grid.doubt(
+                f"material.{name}.label: no voxel of {labels.name} has label {label}; the labels "
+                f"there are {', '.join(map(str, labels.present))}"
+            )
     for own in materials:
         name, drawn = own["name"], labels.names.get(own.get("label", 0), own["name"])
         one, other = (text.casefold().replace("_", " ") for text in (name, drawn))
