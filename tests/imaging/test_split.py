@@ -401,6 +401,11 @@ def test_pieces_with_seeds():
     label, warnings = grouping.group_by_rules(stripes(1, 1, 1, 0), GRID, rules)
     assert (label[:3] == 1).all() and (label[3:6] == 2).all() and not label[6:].any()
     assert "a, b share pieces of regions (24 voxels)" in warnings[0]
+    # an empty slice parts the body, and the seeds lie on one side of it
+    region = np.zeros((9, 2, 8), np.int32)
+    region[..., 4] = -1
+    label, warnings = grouping.group_by_rules(region, GRID, [muscle("a", 0, 1, 0)])
+    assert not label[..., 4:].any() and "43 % of the body has no label: empty" in warnings[0]
 
 
 def test_pieces_take_the_label_most_of_their_voxels_have():

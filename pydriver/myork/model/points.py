@@ -183,7 +183,8 @@ def connected_body(labels: Labels) -> tuple[Labels, list[str]]:
         centre = labels.world(voxels.mean(axis=0))
         sentences.append(
             f"island of {len(voxels)} points ({', '.join(names)}) around "
-            f"({', '.join(f'{c:.1f}' for c in centre)}) mm is connected to neither end"
+            f"({', '.join(f'{c:.1f}' for c in centre)}) mm is connected to neither end and left "
+            f"out, {100.0 * len(voxels) / body.sum():.2g} % of the body"
         )
     kept = np.where(np.isin(pieces, loose), 0, labels.data)
     return Labels(kept, labels.affine, labels.names, labels.name), sentences

@@ -68,9 +68,18 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     """
     given = np.stack([_given_by(region, image, muscle) for muscle in muscles])
     label = np.where(given.any(axis=0), 1 + given.argmax(axis=0), 0).astype(np.int32)
-    shared = given.sum(axis=0) > 1
+    shared, warnings = given.sum(axis=0) > 1, []
+    body = region >= 0
+    stack, count = ndimage.label(body.any(axis=(0, 1)))
+    lost = [n for n in range(1, count + 1) if not label[..., stack == n].any()]
+    if lost:
+        share = body[..., np.isin(stack, lost)].sum() / body.sum()
+        warnings.append(
+            f"{100.0 * share:.0f} % of the body has no label: empty slices separate it from all "
+            "seeds of [[muscle]]; take another image, or give it seeds as well"
+        )
     if not shared.any():
-        return label, []
+        return label, warnings
     world = image.world(np.argwhere(shared))
     nearest = [
         np.where(own[shared], cdist(world, muscle.seeds).min(axis=1, initial=np.inf), np.inf)
@@ -79,8 +88,9 @@ def group_by_rules(region: I32, image: Image, muscles: Sequence[Muscle]) -> tupl
     label[shared] = 1 + np.argmin(nearest, axis=0)
     names = [m.name for m, own in zip(muscles, given, strict=True) if (own & shared).any()]
     return label, [
+        *warnings,
         f"{', '.join(names)} share pieces of regions ({int(shared.sum())} voxels), which were "
-        "split by the nearest seed; raise image.regions"
+        "split by the nearest seed; raise image.regions",
     ]
 
 
