@@ -22,7 +22,7 @@ import myork
 from myork.bench import BENCHES
 from myork.console import Console, say, silent
 from myork.errors import ConvergenceError, InputError, MyorkError, cure_of
-from myork.files import json_text, write_json, write_text
+from myork.files import check_writable, json_text, write_json, write_text
 from myork.summary import asked
 
 _EXIT_STATUS = """\
@@ -235,6 +235,9 @@ def _model(options: argparse.Namespace, threads: int | None = None) -> Any:
 
 def _rom_train(options: argparse.Namespace, console: Console) -> str:
     path = options.output or options.out / f"{options.deck.stem}.rom.h5"
+    if options.deck.is_file():
+        path.parent.mkdir(parents=True, exist_ok=True)
+        check_writable(path)
     rom = _load("rom.train:train")(
         options.deck, options.vary, tolerance=options.tolerance, full_solves=options.full_solves,
         tests=options.tests, seed=options.seed, out=options.out, overrides=options.set,

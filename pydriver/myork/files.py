@@ -8,6 +8,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
+from errno import EISDIR
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -85,6 +86,21 @@ def whole_file(path: Path, *, by_suffix: bool = False) -> Iterator[Path]:
         os.close(open_output(unfinished, new=True))
         yield unfinished
         os.replace(unfinished, path)
+    except OSError as reason:
+        raise FileError(f"{path}: cannot be written: {reason.strerror or reason}") from None
+
+
+def check_writable(path: Path) -> None:
+    """Refuse a file that `whole_file` could not write, before its content is computed.
+
+    - raises FileError: it cannot be written
+    """
+    unfinished = path.with_name(f"{path.name}.part")
+    try:
+        if path.is_dir():
+            raise IsADirectoryError(EISDIR, "it is a folder")
+        os.close(open_output(unfinished, new=True))
+        unfinished.unlink()
     except OSError as reason:
         raise FileError(f"{path}: cannot be written: {reason.strerror or reason}") from None
 

@@ -161,7 +161,9 @@ def test_islands_are_left_out_by_name():
     island = replace(labels, data=data)
     cloud, warnings = build_cloud(island, None, TABLE, "cm")
     assert len(cloud.points) == 120
-    assert re.match(r"island of 8 points \(block\) around .* neither end and left out, 6.2 % of", warnings[0])
+    assert re.match(
+        r"island of 8 points \(block\) around .* neither end and left out, 6.2 % of", warnings[0]
+    )
 
 
 def test_normals_of_a_thin_sheet_are_units():

@@ -14,9 +14,10 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from myork import Scene, model_file
+from myork.cli import main
 from myork.core.material import Material, stress
 from myork.errors import FileError, InstallationError
-from myork.files import alone_in, read_json, whole_file, write_json
+from myork.files import alone_in, check_writable, read_json, whole_file, write_json
 from myork.imaging.io import write_image
 from myork.model_file import write_model
 from myork.records import Image, PointCloud, Voxels
@@ -319,6 +320,17 @@ def test_numbers_that_are_not_finite_become_null_and_files_are_named(tmp_path):
     path = tmp_path / "nowhere" / "a.json"
     with pytest.raises(FileError, match=r"nowhere/a\.json: cannot be written: No such file"):
         write_json(path, {})
+
+
+def test_a_file_that_cannot_be_written_is_refused_before_the_training(tmp_path, capsys):
+    check_writable(tmp_path / "a.rom.h5")
+    assert not any(tmp_path.iterdir())
+    deck = deck_file(tmp_path / "deck.toml", DECK)
+    for path, said in ((tmp_path, "it is a folder"), (tmp_path / ("x" * 300), "File name too")):
+        assert (
+            main(["rom", "train", str(deck), "--vary", "load.activation=0:1", "-o", str(path)]) == 2
+        )
+        assert f"{path}: cannot be written: {said}" in capsys.readouterr().err
 
 
 def lay(path: Path, how: str) -> Path:

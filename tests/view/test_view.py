@@ -393,7 +393,9 @@ def test_a_page_without_a_server(open_page, answers, trained, tmp_path, capsys):
     ("block.rom.h5", "--still TMP/block.rom.h5: the name must end in .html"),
     ("none/block.html", "TMP/none/block.html: cannot be written: No such file or directory"),
 ])  # fmt: skip
-def test_where_no_page_is_written(trained, tmp_path, capsys, name, message):
+def test_where_no_page_is_written(trained, tmp_path, capsys, monkeypatch, name, message):
+    """Nothing is computed before."""
+    monkeypatch.setattr(still, "sample", lambda *_, **__: pytest.fail("states are computed"))
     assert main(["view", str(trained), "--still", str(tmp_path / name), "-q"]) == 2
     assert message.replace("TMP", str(tmp_path)) in capsys.readouterr().err
     assert not any(tmp_path.iterdir())

@@ -10,7 +10,7 @@ from scipy.interpolate import RegularGridInterpolator
 
 from myork.console import ProgressCallback, silent
 from myork.errors import InputError
-from myork.files import write_text
+from myork.files import check_writable, write_text
 from myork.report.frame import render
 from myork.rom.parameters import spread_points
 from myork.types import F64
@@ -39,6 +39,7 @@ def still_page(
     """
     if page.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"--still {page}: the name must end in .html")
+    check_writable(page)
     states = sample(path, threads=threads, progress=progress)
     write_text(page, render("view.html", **states))
     return page
