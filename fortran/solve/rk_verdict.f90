@@ -653,6 +653,9 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
                   & //problem%scene%probe(worst)%name//' differs by # of its size'//reference &
                   & //rim, curable=len(rim) == 0)
             else
+               ! components of one force leave it alike, also those that are zero by symmetry
+               worst = maxloc(norm2(bars%values(:, :, last), dim=1), dim=1, &
+                  & mask=bars%open >= bars%open(worst))
                call found%compare(bars%open(worst), [0.0_wp, huge(1.0_wp)], 'the surface of the ' &
                   & //'voxels leaves probe '//problem%scene%probe(worst)%name &
                   & //' uncertain by # of its size', curable=.true.)

@@ -312,6 +312,8 @@ def test_thin_sheets_keep_their_volume_where_no_block_is_theirs():
     np.testing.assert_allclose(shares.sum(axis=0) * 16, [2800, 400])
     assert set(np.unique(shares[:, 1])) == {0.0, 0.25}
     assert changed_volumes(labels, {1: 2800.0, 3: 400.0}) == []
+    said = "muscle has 3 cm^3 in the model and 2.8 cm^3 in the label map"
+    assert changed_volumes(labels, {1: 3000.0, 3: 400.0})[0].startswith(said)
     (warning,) = changed_volumes(labels, {1: 2800.0})
     assert "sheet has 0 cm^3" in warning and "build.collocation_stride" in warning
     data[:] = np.where(np.random.default_rng(1).random(data.shape) < 0.3, 3, 1)

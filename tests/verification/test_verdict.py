@@ -756,6 +756,19 @@ def test_a_plate_of_one_block_is_compared_with_more() -> None:
     assert bar < 0.1 * abs(tips[1])
 
 
+def test_no_force_that_is_zero_by_symmetry_is_named_for_what_voxels_leave_open() -> None:
+    data = np.hypot(*np.indices((13, 13, 12))[:2] - 6) <= 5.2
+    points = scenes.voxels(data, (2, 2, 5), "mm", **dict.fromkeys(
+        ("source_stride", "collocation_stride"), [3] * 3))  # fmt: skip
+    tables = gripped(
+        "auto", {"kind": "model"}, neo(1.0, 9.0), "bottom top",
+        *(f"f{axis} force_{axis} top" for axis in "xyz"), u_z=3.0,
+    )  # fmt: skip
+    with Scene.from_tables(tables, points) as opened:
+        reason, *_ = opened.solve().reasons
+    assert "the surface of the voxels leaves probe fz uncertain by" in reason
+
+
 @pytest.mark.parametrize("activation", [0.1, 0.6])
 def test_a_muscle_that_contracts_freely_is_accepted(activation: float) -> None:
     """Its stresses and forces are errors of the iteration, which differ by their own size."""

@@ -83,8 +83,9 @@ def build_cloud(
     shares, numbers = label_shares(part, coarse, block, left_out, parts)
     filled = shares.sum(axis=1)
     volumes = dict(zip(numbers.tolist(), shares.sum(axis=0) * coarse.spacing.prod(), strict=True))
-    warnings = points.changed_volumes(part, volumes, None if parts is None else parts.volumes(part))
-    warnings += islands
+    # islands change the volume, and say so
+    wanted = None if parts is None else parts.volumes(part)
+    warnings = islands or points.changed_volumes(part, volumes, wanted)
     voxels = np.argwhere(body)
     step = [s // b for s, b in zip(stride, block, strict=True)]
     source = points.source_voxels(body, step)
