@@ -21,7 +21,16 @@ from myork.rom import projection
 from myork.rom.check import compare
 from myork.rom.map import map_model
 from myork.rom.marks import LOST
-from tests.scenes import contracting, deck_file, probes, refuses, rows_of, solved
+from tests.scenes import (
+    box,
+    contracting,
+    deck_file,
+    gripped,
+    probes,
+    refuses,
+    rows_of,
+    solved,
+)
 
 BLOCK = contracting(
     4, 4, 6,
@@ -372,6 +381,22 @@ def test_what_is_not_varied_has_the_end_of_its_amplitude(tmp_path: Path) -> None
 def test_what_has_no_effect_at_the_end_is_not_varied(tmp_path: Path) -> None:
     deck = programme(tmp_path / "back.toml", 0.0)
     refuses(r"z1\.u_z: its amplitude ends at 0.*; leave it out", ReducedModel.train, deck, RANGES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("more", ["", "fz force_z z1"])
+def test_a_first_force_that_is_zero_by_symmetry_has_no_large_error(more, tmp_path: Path) -> None:
+    """Relative to itself its error was 1e7, and no number of solves met the tolerance."""
+    muscle = {"name": "muscle", "model": "muscle", "A10": 6.43, "K": 500, "fiber": [0, 0, 1]}
+    tables = gripped(
+        "rkpm-gauss", box(3, 3, 4, size=[1, 1, 1.5]), muscle, "z0 z1",
+        "fx force_x z1", *([more] if more else []),
+        load={"steps": 1, "activation": 0.2}, u_z=0.1,
+    )  # fmt: skip
+    ranges = {"load.activation": (0.0, 0.3), "boundary.z1.u_z": (-0.1, 0.2)}
+    deck = deck_file(tmp_path / "deck.toml", tables)
+    rom = ReducedModel.train(deck, ranges, full_solves=30, tests=4, threads=1)
+    assert rom.head["full_solves"] < 30 and rom.certificate["force"]["max"] < 1e-3
 
 
 @pytest.mark.slow

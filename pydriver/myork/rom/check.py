@@ -18,6 +18,9 @@ from myork.types import F64, I64, Mask
 
 #: Errors of forces are relative to the force, or to this share of the largest if it is smaller
 LEAST_FORCE = 0.05
+#: They are relative to this share of the largest force of any probe at least: a force that is zero
+#: by symmetry consists of rounding errors
+_LEAST_OF_ALL = 1e-3
 
 
 class Tests(NamedTuple):
@@ -96,15 +99,18 @@ def solve_tests(
 
 
 def errors_of(
-    tests: Tests, amplitudes: F64, basis: F64, force: F64, truth: F64
+    tests: Tests, amplitudes: F64, basis: F64, force: F64, truth: F64, least: float
 ) -> tuple[F64, F64, F64]:
-    """Errors of displacement, absolute in L2 over the body and relative, and of the force."""
+    """Errors of displacement, absolute in L2 over the body and relative, and of the force.
+
+    - `force`, `truth`, `least`: as in `_force_errors`
+    """
     size = np.sqrt([state.x[-1] @ state.mass for state in tests.states])
     overlap = np.array([basis.T @ state.mass for state in tests.states])
     a = amplitudes
     u_error = np.sqrt(np.maximum(size**2 - 2.0 * (a * overlap).sum(1) + (a * a).sum(1), 0.0))
     relative = u_error / np.maximum(size, np.finfo(float).tiny)
-    return u_error / size.max(), relative, _force_errors(force, truth)
+    return u_error / size.max(), relative, _force_errors(force, truth, least)
 
 
 def largest_errors(
@@ -114,8 +120,9 @@ def largest_errors(
     truth = np.array([force_values(setting, state.probes[-1:])[0] for state in tests.states])
     own = _first_probe(setting)
     of_largest, _, wrong = errors_of(
-        tests, answer.amplitudes, basis, _first_force(setting, tests.values, force), truth[:, own]
-    )
+        tests, answer.amplitudes, basis, _forces(setting, tests.values, force)[:, own],
+        truth[:, own], _least_force(truth, setting.rounding),
+    )  # fmt: skip
     failed = not answer.converged.all()
     return (np.inf, np.inf) if failed else (float(of_largest.max()), float(wrong.max(initial=0.0)))
 
@@ -144,10 +151,11 @@ def cell_errors(
     good = batch.converged
     off = np.linalg.norm(batch.amplitudes - answer.amplitudes, axis=1)
     size = np.linalg.norm(answer.amplitudes, axis=1).max(initial=0.0)
-    truth = _first_force(setting, values, force)
+    every = _forces(setting, values, force)
+    truth = every[:, _first_probe(setting)]
     # without a force, the model has no numbers for one
     force = np.asarray(batch.force).reshape(len(values), -1)[:, : truth.shape[1]]
-    wrong = _force_errors(force, truth)
+    wrong = _force_errors(force, truth, _least_force(every, setting.rounding))
     return CellErrors(
         int((~good).sum()),
         float(wrong[good].max(initial=0.0)),
@@ -160,16 +168,23 @@ def _first_probe(setting: Setting) -> list[int]:
     return [k for k, place in enumerate(setting.places) if place[0] == setting.places[0][0]]
 
 
-def _first_force(setting: Setting, values: F64, force: F64) -> F64:
-    """The first force of states with tractions added, from all wanted forces without tractions."""
-    push = setting.conditions(values).given @ setting.pushes.T
-    return np.asarray((force + push)[:, _first_probe(setting)])
+def _forces(setting: Setting, values: F64, force: F64) -> F64:
+    """Wanted forces of states with tractions added, from those without."""
+    return np.asarray(force + setting.conditions(values).given @ setting.pushes.T)
 
 
-def _force_errors(force: F64, truth: F64) -> F64:
-    """Errors of forces, shape `(n, axes)`, relative to themselves or to a share of the largest."""
+def _least_force(forces: F64, rounding: float) -> float:
+    """Force to which errors are relative at least, from the forces of all probes."""
+    return max(_LEAST_OF_ALL * float(np.abs(forces).max(initial=0.0)), rounding)
+
+
+def _force_errors(force: F64, truth: F64, least: float) -> F64:
+    """Errors of forces, shape `(n, axes)`, relative to themselves or to a share of the largest.
+
+    - `least`: smallest force to which they are relative
+    """
     magnitude = np.linalg.norm(truth, axis=1)
-    least = LEAST_FORCE * magnitude.max(initial=0.0)
+    least = max(LEAST_FORCE * magnitude.max(initial=0.0), least)
     return np.asarray(np.linalg.norm(force - truth, axis=1) / np.maximum(magnitude, least or 1.0))
 
 
@@ -183,9 +198,17 @@ def measure(rom: ReducedModel, tests: Tests) -> dict[str, Any]:
     answer = rom.batch(values, indicator=True)
     estimate = answer.indicator
     truth = np.array([_force(rom, state.probes[-1]) for state in states])
+    of_sets = [probe["index"] for probe in rom.head["probes"] if probe["rows"]]
+    every = np.array([state.probes[-1][of_sets] for state in states])
+    least = _least_force(np.nan_to_num(every), rom.head.get("rounding", 0.0))
     (of_largest, relative, wrong), (_, rough_u, rough_force) = (
         errors_of(
-            tests, one.amplitudes, rom.basis, np.asarray(one.force).reshape(len(values), -1), truth
+            tests,
+            one.amplitudes,
+            rom.basis,
+            np.asarray(one.force).reshape(len(values), -1),
+            truth,
+            least,
         )
         for one in (answer, rough)
     )

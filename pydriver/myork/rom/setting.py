@@ -18,6 +18,10 @@ from myork.rom.projection import Columns, Laws, Variant, laws_of
 from myork.tables import override_text
 from myork.types import F64, I64
 
+#: Errors by rounding and iteration of forces that are zero by symmetry, relative to the largest
+#: bulk modulus times the section of a cube of the body's volume
+_ROUNDING = 1e-6
+
 
 class Snapshots(NamedTuple):
     """Full states with the conditions they were solved for."""
@@ -48,6 +52,7 @@ class Setting(NamedTuple):
     #: The full model at other values of the moduli that are parameters
     variants: tuple[Variant, ...]
     stresses: tuple[int, ...]  #: Probes of stresses, from 0
+    rounding: float  #: Smaller forces are errors of rounding and iteration [force]
 
     def conditions(self, values: F64, share: F64 | None = None) -> Conditions:
         """Conditions of states from their parameters."""
@@ -120,11 +125,13 @@ def make_setting(
         more = full.loads(kinds, [override_text(p.key, other)])
         variants.append(_variant(p, deck, parts, ends, [more[0], *more[1]], extra))
     laws = laws_of(scene, [value_of(p, deck) for p in moduli])
+    stiffest = max(parts.bulk.max(initial=0.0), parts.local_bulk.max(initial=0.0))
+    rounding = _ROUNDING * float(stiffest * parts.weight.sum() ** (1.0 - 1.0 / scene.dimension))
     setting = Setting(
         kinds, laws, parts, projection.Columns.of(loads),
         len(loads) - 1 - len(units), np.array(wanted, np.int64), threads,
         tuple(still), push, tuple(places), tuple(variants),
-        tuple(entry["index"] for entry in entries if is_stress(entry["quantity"])),
+        tuple(entry["index"] for entry in entries if is_stress(entry["quantity"])), rounding,
     )  # fmt: skip
     head = {
         "title": deck["title"],
@@ -132,6 +139,7 @@ def make_setting(
         "dimension": scene.dimension,
         "parameters": [list(p) for p in kinds],
         "force_amplitudes": setting.extra,
+        "rounding": rounding,
         "probes": entries,
         "probes_left_out": [p["name"] for p in probes if p["name"] not in known],
     }
