@@ -110,6 +110,14 @@ def test_bad_files_are_named(tmp_path, read, message):
     assert str(path) in refuses(message, read, path)
 
 
+def test_impossible_numbers_of_a_header_are_said_once(tmp_path, recwarn):
+    content = kept(tmp_path / "a.nii", np.ones((3, 4, 5), np.int16)).read_bytes()
+    signal = np.uint32(0x7F800001).tobytes()  # of not-a-number, in the last row of the sform
+    (tmp_path / "a.nii").write_bytes(content[:312] + signal + content[316:])
+    refuses("a.nii: .*affine is singular, not finite", read_image, tmp_path / "a.nii")
+    assert not recwarn.list
+
+
 def test_names_of_a_folder_are_for_references_only(tmp_path):
     path, lines = kept(tmp_path / "a.nii.gz", np.ones((2, 2, 2), np.uint8)), []
     assert read_reference(path, lines.append).names == {}

@@ -272,7 +272,8 @@ def load_nifti(path: Path, raw: bool, note: ProgressCallback) -> tuple[np.ndarra
     masks are written like that under the header of an image, spread over all values of its type.
     """
     try:
-        with LoggingOutputSuppressor():  # messages about repaired headers
+        # messages about repaired headers, and about their numbers
+        with LoggingOutputSuppressor(), np.errstate(all="ignore"):
             file: Any = nibabel.load(path)
     except Exception as reason:  # nibabel raises a different exception for each kind of damage
         raise FileError(f"{path}: is not a readable NIfTI file: {_said(reason)}") from None
