@@ -125,7 +125,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    self%reasons = ''
    off = 0.0_wp
    call warn_of_units(deck, outcome, receiver)
-   call warn_of_amplitudes(deck, outcome, receiver)
+   call warn_of_unused(deck, outcome, receiver)
    call warn_of_moduli(problem, outcome, receiver)
    if (allocated(outcome%ended)) then
       ! already given as a warning
@@ -213,42 +213,52 @@ subroutine warn_of_units(deck, outcome, receiver)
    end do
 end subroutine warn_of_units
 
-!> Warn of load programmes that nothing follows: with a forgotten reference the load is a ramp
-subroutine warn_of_amplitudes(deck, outcome, receiver)
+!> Warn of load programmes and sets that nothing refers to: with a forgotten reference the load is a
+!> ramp
+subroutine warn_of_unused(deck, outcome, receiver)
    type(deck_type), intent(in) :: deck
    type(outcome_type), intent(inout) :: outcome
    class(recorder_type), intent(inout) :: receiver
    character(len=:), allocatable :: name
-   logical :: follows
-   integer :: i, k
+   integer :: i
 
    do i = 1, deck%count('amplitude')
       call deck%get('amplitude.'//to_text(i)//'.name', name)
-      follows = refers('load')
-      do k = 1, deck%count('boundary')
-         follows = follows .or. refers('boundary.'//to_text(k))
-      end do
-      do k = 1, deck%count('material')
-         follows = follows .or. refers('material.'//to_text(k))
-      end do
-      if (.not. follows) call outcome%warn('amplitude '//name//': no amplitude key of a ' &
-         & //'boundary, a material or the load refers to it', receiver)
+      if (.not. (refers('load.amplitude') .or. among('boundary', '.amplitude') &
+         & .or. among('material', '.amplitude'))) call outcome%warn('amplitude '//name &
+         & //': no amplitude key of a boundary, a material or the load refers to it', receiver)
+   end do
+   do i = 1, deck%count('set')
+      call deck%get('set.'//to_text(i)//'.name', name)
+      if (.not. (among('boundary', '.set') .or. among('probe', '.set'))) call outcome%warn('set ' &
+         & //name//': no boundary and no probe refers to it', receiver)
    end do
 
 contains
 
-   !> Whether a table follows this amplitude
-   logical function refers(table)
-      character(len=*), intent(in) :: table
+   !> Whether a key has this name
+   logical function refers(key)
+      character(len=*), intent(in) :: key
       character(len=:), allocatable :: own
 
-      refers = deck%has(table//'.amplitude')
+      refers = deck%has(key)
       if (.not. refers) return
-      call deck%get(table//'.amplitude', own)
+      call deck%get(key, own)
       refers = own == name
    end function refers
 
-end subroutine warn_of_amplitudes
+   !> Whether a key of any entry has it
+   logical function among(table, key)
+      character(len=*), intent(in) :: table, key
+      integer :: k
+
+      among = .false.
+      do k = 1, deck%count(table)
+         among = among .or. refers(table//'.'//to_text(k)//key)
+      end do
+   end function among
+
+end subroutine warn_of_unused
 
 !> Warn of a bulk modulus with which Poisson's ratio is below -1/4, as with K in another unit
 subroutine warn_of_moduli(problem, outcome, receiver)

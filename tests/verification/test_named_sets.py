@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from myork import run_deck
+from myork import Scene, run_deck
 from myork.core.deck import table_defaults
 from myork.model.cloud import build_cloud
 from myork.records import Labels, PointCloud
@@ -52,6 +52,16 @@ def test_a_load_on_a_part_of_the_end_bends_the_column(method: str, border: float
     assert found["R"] == pytest.approx(-force, rel=2e-3)
     assert found["u"] == pytest.approx(-moment * 4**2 / (2 * E / 12), rel=0.01)
     assert found["end"] == pytest.approx(-moment * 8**2 / (2 * E / 12), rel=0.01)
+
+
+def test_what_nothing_refers_to_is_named() -> None:
+    sets = [{"name": name, "side": "y1", "where": "x > 0.5"} for name in ("pad", "seen", "other")]
+    ramps = [{"name": name, "time": [0, 1], "value": [0, 1]} for name in ("up", "down")]
+    load = [{"set": "pad", "traction": [0, PULL], "amplitude": "up"}]
+    tables = column("rkpm-gauss", sets, load, amplitude=ramps, probe=probes("u u_x seen"))
+    with Scene.from_tables(tables, overrides=["geometry.source=[3,9]"]) as opened:
+        said = [text.partition(":")[0] for text in opened.solve(error=False).warnings]
+    assert said[:2] == ["amplitude down", "set other"] and not {"set pad", "set seen"} & {*said}
 
 
 @pytest.mark.parametrize(("what", "method"), [
