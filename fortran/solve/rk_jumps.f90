@@ -79,12 +79,9 @@ subroutine find_jumps(scene, error)
    end do
    if (size(plane) == 0) return
    scene%thin_layers = too_close(axis, plane, step)
-   ! in 2D layers of tissues resolve the direction across them; in 3D there is nothing better
    if (.not. by_coefficients .and. nd == 2) then
-      if (scene%thin_layers .or. (scene%cloud%polar .and. any(axis == 2))) then
-         scene%thin_layers = .false.
-         return
-      end if
+      if (scene%cloud%polar .and. any(axis == 2)) return
+      scene%thin_layers = .false.
    end if
    call move_alloc(axis, scene%approximation%kink_axis)
    call move_alloc(plane, scene%approximation%kink)
