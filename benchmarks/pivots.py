@@ -397,7 +397,7 @@ def _halves(rows: Rows, view: str) -> dict[str, Any]:
 _ERRORS = (1e-2, 1e-3, 1e-4)
 _SMALLEST = 1e-6
 _DEFAULT: Form = ("default", ())
-_PEERS = ("felupe", "dolfinx", "CalculiX")
+_PEERS = ("felupe", "dolfinx")
 _STAIRS = ((8, 1, 16), (8, 2, 16), (8, 1, 32))
 #: Problems of the race
 _RACE = (
@@ -432,12 +432,12 @@ def _race(progress: ProgressCallback, quick: bool) -> dict[str, Any]:
     return {
         "title": "CPU time for a target error",
         "about": "Each problem solved by all programs at increasing sizes, without error bars: "
-        "MyoRK and felupe in one load step, dolfinx and CalculiX in the fewest load steps that "
-        "converge, whose time alone counts. Compilation and import are excluded; for CalculiX "
-        f"the whole process counts. For each program the best form is used. {_absent(rows)}The "
-        "time for an error is read off the work-precision curve between the last size that "
-        "misses it and the next one, so that no lucky size counts; nothing is extrapolated "
-        "beyond the finest size. Errors below the uncertainty of the truth have no line.",
+        "MyoRK and felupe in one load step, dolfinx in the fewest load steps that converge, whose "
+        "time alone counts. Compilation and import are excluded. For each program the best form "
+        f"is used. {_absent(rows)}The time for an error is read off the work-precision curve "
+        "between the last size that misses it and the next one, so that no lucky size counts; "
+        "nothing is extrapolated beyond the finest size. Errors below the uncertainty of the truth "
+        "have no line.",
         "cases": rows,
         "races": races,
         "tables": [

@@ -18,9 +18,9 @@ prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it 
 settings were chosen, which no page shows, or `other`, on which none was.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
-its meshes is the truth, with what is not known of it. In `race` dolfinx and CalculiX run as well,
-where they are installed (Debian: `apt install python3-dolfinx calculix-ccx`). One thread; processor
-times include the set-up of a scene. Most tables take minutes.
+its meshes is the truth, with what is not known of it. In `race` dolfinx runs as well, where it is
+installed (Debian: `apt install python3-dolfinx`). One thread; processor times include the set-up of
+a scene. Most tables take minutes.
 """
 
 from __future__ import annotations
@@ -195,8 +195,8 @@ def rows_of(
 
 
 def _compiled(problem: Problem, truths: Truths, progress: ProgressCallback) -> list[dict[str, Any]]:
-    """Rows of dolfinx and CalculiX, or rows that report their absence."""
-    progress(f"{problem.name}: dolfinx and CalculiX")
+    """Rows of dolfinx, or a row that reports its absence."""
+    progress(f"{problem.name}: dolfinx")
     deck = read_deck(sized_tables(problem.tables, problem.sizes[0]))
     return [
         {

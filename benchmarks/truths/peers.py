@@ -1,14 +1,13 @@
-"""Compiled finite elements for comparison: dolfinx 0.5 and CalculiX 2.20, as separate processes.
+"""Compiled finite elements for comparison: dolfinx 0.5, in a separate process.
 
-Debian's packages `python3-dolfinx` and `calculix-ccx`. A missing program gives a row that says so.
-Both take boxes and annuli of one material.
+Debian's package `python3-dolfinx`; without it a row says so. It takes boxes and annuli of one
+material.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import shutil
 import subprocess
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -16,8 +15,6 @@ from typing import Any
 
 import numpy as np
 from scipy.interpolate import BPoly, PPoly
-
-from benchmarks.truths.calculix import solve_calculix
 
 #: Python of the system, for which Debian installs dolfinx
 DOLFINX = "/usr/bin/python3"
@@ -30,26 +27,18 @@ _LIMIT = 150.0
 def compiled_peers(
     deck: Mapping[str, Any], elements: Sequence[Sequence[int]]
 ) -> list[dict[str, Any]]:
-    """Solve a deck on its meshes with every compiled peer.
+    """Solve a deck on its meshes by every form of dolfinx.
 
     - `deck`: all tables of the deck; a box or an annulus of one material
     - `elements`: elements along each edge, ascending
     - returns `form`, and for each mesh `elements`, `dofs`, `cpu_s` [s], `memory` [byte], `probes`,
       or an `outcome` without an answer
     """
-    rows = []
-    for form in _FORMS:
-        name = f"dolfinx {form}"
-        rows += [{"form": name, **row} for row in solve_dolfinx(deck, elements, form)]
-    table = deck["material"][0]
-    if table["model"] == "muscle":
-        rows.append({"form": "CalculiX C3D20R", "outcome": "has no such material"})
-    elif not shutil.which("ccx"):
-        rows.append({"form": "CalculiX C3D20R", "outcome": "not installed: calculix-ccx"})
-    else:
-        found = (solve_calculix(deck, count) for count in elements)
-        rows += [{"form": "CalculiX C3D20R", **row} for row in found]
-    return rows
+    return [
+        {"form": f"dolfinx {form}", **row}
+        for form in _FORMS
+        for row in solve_dolfinx(deck, elements, form)
+    ]
 
 
 def solve_dolfinx(
