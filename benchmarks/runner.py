@@ -14,8 +14,7 @@ solves problems of `unseen`, `layers` or `maps` whose truths their file lacks by
     python benchmarks/runner.py TABLE [ARGUMENT...]
 
 prints a table of docs/, a function in `benchmarks/tables`, a row as soon as it is known; with
-`--write` last its page in `docs/results` takes the rows. `half` is `tuned`, the cases on which
-settings were chosen, which no page shows, or `other`, on which none was.
+`--write` last its page in `docs/results` takes the rows.
 
 felupe solves the same problems in the same run, bodies of voxels in their true shape; the limit of
 its meshes is the truth, with what is not known of it. In `race` dolfinx runs as well, where it is
@@ -430,23 +429,19 @@ def _print_table(module: str, name: str, arguments: Sequence[str]) -> None:
     table: Callable[..., Any] = getattr(import_module(f"benchmarks.tables.{module}"), name)
     wanted, write = inspect.signature(table), arguments[-1:] == ("--write",)
     arguments = arguments[:-1] if write else arguments
-    halves = (("other",),) if write else (("other",), ("tuned",))
-    fits = "half" not in wanted.parameters or arguments[:1] in halves
     try:
         wanted.bind(*arguments)
     except TypeError:
-        fits = False
-    if not fits:
         sys.exit(f"{name}{wanted}\n\n{inspect.getdoc(table)}")
-    about, half = machine(), arguments[0] if "half" in wanted.parameters else ""
-    print(f"MyoRK {about['version']}\n\n## {name} {half}\n\n{inspect.getdoc(table)}\n", flush=True)
+    about = machine()
+    print(f"MyoRK {about['version']}\n\n## {name}\n\n{inspect.getdoc(table)}\n", flush=True)
     rows = []
     for row in table(*arguments):
         rows.append(list(row))
         print("\n".join(table_lines(rows)[0 if len(rows) == 1 else -1 :]), flush=True)
     if write:
         # do not publish the users' folders
-        words = [name, *([half, *("DATA" for _ in arguments[1:])] if half else arguments)]
+        words = [name, *("DATA" if "data" in wanted.parameters else word for word in arguments)]
         call = f"`python benchmarks/runner.py {' '.join(words)} --write`"
         written = f"{call}: {about['processor']}, {about['date'][:10]}."
         page = "images" if module in _IMAGES else module

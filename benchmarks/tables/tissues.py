@@ -22,8 +22,8 @@ from myork.segmentation.shading import shading
 from myork.segmentation.starts import kmeans
 from myork.types import F64, I32
 
-#: First number of the sections of a half, and number of sections of each part of the body
-HALVES = {"tuned": (0, 32), "other": (6000, 16)}
+#: Sections of each part of the body; bounds were chosen on numbers 0 to 31
+NUMBERS = range(6000, 6016)
 #: Half axes of a section, and range of fat under the skin, between muscles, and as streaks in
 #: muscles [mm, mm, mm, -], number of muscles, bones as (position on the radius, radius, cortex)
 PARTS = {
@@ -188,13 +188,13 @@ def baselines(anatomy: Image, fat: Image | None) -> list[I32]:
     return [np.where(body, np.where(bright, FAT, MUSCLE), 0), np.maximum(walked, 0)]
 
 
-def tissues(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
+def tissues(data: str = "") -> Iterator[tuple[str, ...]]:
     """Muscle and fat of `[tissue]` in sections of five parts of the body, against their truth.
 
     Sections of a calf, a thigh, hips, an arm and a trunk, drawn with any amount of fat under the
     skin, between and in muscles, bones, vessels and organs, in T1, PD, T2, opposed phase and fat
     suppressed images, water and fat or a fat image beside; 0.8 to 2 mm, muscle at SNR 10 to 40,
-    shading taken out by `auto`. Bounds were chosen on `tuned`, and on the two real images that
+    shading taken out by `auto`. Bounds were chosen on others, and on the two real images that
     `data` names (T1 calves, scored by the fraction of labelled muscle that is found, and thighs in
     opposed phase). A section is right if the Dice coefficients of muscle and of fat are 0.95 or
     more. The table gives the mean of the smaller coefficient for MyoRK, for k-means (two clusters)
@@ -203,10 +203,9 @@ def tissues(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
     """
     yield ("part", "sections", "right, no doubt", "right, doubt", "wrong, doubt", "wrong, no doubt",
            "ours", "k-means", "walks", "CPU s")  # fmt: skip
-    first, count = HALVES[half]
     for part in PARTS:
         outcome, scores, spent = np.zeros(4, int), [], 0.0
-        for number in range(first, first + count):
+        for number in NUMBERS:
             case = section(part, number)
             anatomy, fat = even(case)
             start = time.process_time()
@@ -218,6 +217,7 @@ def tissues(half: str, data: str = "") -> Iterator[tuple[str, ...]]:
             wrong, doubt = least[0] < 0.95, bool(ours.doubts)
             outcome[3 - doubt if wrong else int(doubt)] += 1
         means = (f"{mean:.3f}" for mean in np.mean(scores, axis=0))
+        count = len(NUMBERS)
         yield (part, str(count), *map(str, outcome), *means, f"{spent / count:.2f}")
     if data:
         calves = read_image(Path(data, "dafne_calf", "t1_a.nii.gz"))
