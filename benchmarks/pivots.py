@@ -15,10 +15,10 @@ import numpy as np
 
 from benchmarks import unseen, unseen_layers, unseen_maps
 from benchmarks.page import plot, table
-from benchmarks.problems import BY_NAME, DECKS, PROBLEMS, Problem
+from benchmarks.problems import ALL, BY_NAME, Problem
 from benchmarks.runner import KINDS, WRONG, Form, Truths, rows_of, solve_rivals
 from benchmarks.truths.deck_parts import deck, force, held, probe
-from benchmarks.voxel_bodies import BODIES, Body, voxel_by_voxel
+from benchmarks.voxel_bodies import Body, voxel_by_voxel
 from myork.console import ProgressCallback, silent
 from myork.core.deck import deck_values, text_of_tables
 
@@ -98,7 +98,7 @@ def _curve(problem: str, line: str, rows: Rows) -> dict[str, Any]:
 
 def _every_form(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
-    for problem in PROBLEMS[:2] if quick else PROBLEMS + BODIES:
+    for problem in ALL[:2] if quick else ALL:
         rows += rows_of(problem, _forms_of(problem), progress, sizes=1 if quick else None)[1]
     return rows
 
@@ -201,57 +201,6 @@ def _methods(rows: Rows) -> dict[str, Any]:
         f"{WRONG:.0%} of the truth. Median errors and geometric means of CPU times cover "
         "different sizes and problems, because collocation is not solved at the finest size.",
         "tables": [table("Verdicts, and median errors of the probes", counted)],
-    }
-
-
-# ---- newcomer ------------------------------------------------------------------------------------
-
-
-def _twenty_decks(progress: ProgressCallback, quick: bool) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = []
-    for problem in DECKS[:2] if quick else DECKS:
-        rows.append(rows_of(problem, _FORMS[:1], progress, sizes=1)[1][-1])
-    return rows
-
-
-def _newcomer(rows: Rows) -> dict[str, Any]:
-    """Twenty decks of a new user without changes: which converge, and which verdicts are right."""
-    shown = []
-    for row in rows:
-        worst = max(row["error"], key=row["error"].get, default=None)
-        shown.append(
-            {
-                "problem": row["problem"],
-                "points": row["size"],
-                "unknowns": row["unknowns"],
-                "CPU [s]": row["cpu_s"],
-                "largest error": row["error"].get(worst),
-                "its bar": row["bar"].get(worst),
-                "of probe": worst,
-                "truth known to": row["doubt"].get(worst),
-                "bars that contain the error": row["held"],
-                "verdict": row["verdict"],
-                "right": _is_right(row) == (row["verdict"] == "accepted"),
-            }
-        )
-    held, bars, (_, sharp, _) = _bars(rows)
-    return {
-        "title": "Twenty decks of a new user",
-        "about": "Only the body, its materials, its supports and loads and the number of points "
-        f"are given. A verdict is right if an answer within {WRONG:.0%} in all probes is "
-        "accepted, or if a less accurate one is doubtful or refused.",
-        "tables": [
-            table("Each deck", shown),
-            _sums(
-                {
-                    f"converged, of {len(rows)}": len(_of(rows, outcome="converged")),
-                    "verdicts right": sum(entry["right"] for entry in shown),
-                    "wrong and accepted": _wrong_and_accepted(rows),
-                    f"bars that contain the error, of {bars}": held,
-                    "median bar over error": sharp,
-                }
-            ),
-        ],
     }
 
 
@@ -569,7 +518,6 @@ RANDOM: Mapping[str, Any] = {"unseen": unseen, "layers": unseen_layers, "maps": 
 PIVOTS: Mapping[str, tuple[Callable[..., Any], Callable[[Rows], dict[str, Any]] | None]] = {
     "trust": (_every_form, _trust),
     "methods": (_every_form, _methods),
-    "newcomer": (_twenty_decks, _newcomer),
     "certify": (_boxes, _certify),
     **{name: (module.rows, partial(_halves, view=name)) for name, module in RANDOM.items()},
     "race": (_race, None),

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.voxel_bodies import BODIES, TWO_TISSUES, Body
+from benchmarks.voxel_bodies import BODIES, Body
 
 Sizes = tuple[tuple[int, ...], ...]
 
@@ -73,13 +73,8 @@ def _sizes(lists: Sequence[Sequence[int]]) -> Sizes:
 _ALL = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
 
 #: Problems by the feature that they test, each at three sizes
-PROBLEMS = tuple(_problem(entry) for entry in _ALL if entry["of"] == "forms")
+PROBLEMS = tuple(map(_problem, _ALL))
 
-#: Twenty decks at the number of points that a new user of MyoRK would take
-DECKS: tuple[Problem | Body, ...] = (
-    *(_problem(entry) for entry in _ALL if entry["of"] == "newcomer"),
-    *(body._replace(sizes=body.sizes[:1]) for body in (*BODIES, *TWO_TISSUES)),
-)
-
-#: All problems, by their names in tables
-BY_NAME: Mapping[str, Any] = {problem.name: problem for problem in (*DECKS, *PROBLEMS, *BODIES)}
+#: All problems, and the same by their names in tables
+ALL: tuple[Problem | Body, ...] = (*PROBLEMS, *BODIES)
+BY_NAME: Mapping[str, Any] = {problem.name: problem for problem in ALL}

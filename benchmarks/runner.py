@@ -2,7 +2,7 @@
 
     python benchmarks/runner.py NAME... [--quick] [--out DIR]
 
-solves the rows of `trust`, `methods`, `newcomer`, `certify`, `unseen`, `layers`, `maps` or `race`
+solves the rows of `trust`, `methods`, `certify`, `unseen`, `layers`, `maps` or `race`
 (`methods` is another view of those of `trust`), and writes `NAME.md`, a view of them, and figures
 of its curves to `docs/results` or DIR. `myork bench NAME` writes all rows to `bench.json`. Of
 `linear`, `nonlinear` and `rom`, tables of `studies.py`, the runner writes the page.

@@ -135,14 +135,6 @@ def _arms(x: F64) -> NDArray[Any]:
     return inside & ((x[..., 0] < 1) | (x[..., 2] > 2))
 
 
-#: Box of two tissues [cm]
-_SIZE = (2.0, 1.0, 2.0)
-
-
-def _in_box(x: F64) -> NDArray[Any]:
-    return np.all((x > 0) & (x < _SIZE), axis=-1)
-
-
 def _body(
     name: str,
     material: Sequence[Mapping[str, Any]],
@@ -154,7 +146,7 @@ def _body(
     """A body of materials whose labels count from 1."""
     labelled = [{**table, "label": label} for label, table in enumerate(material, 1)]
     tables = deck(name, {"kind": "model"}, labelled, boundary, probes, activation)
-    return Body(name, tables=tables, **{"sizes": (0.25, 0.125), **rest})
+    return Body(name, tables=tables, sizes=(0.25, 0.125), **rest)
 
 
 _RUBBER = {**RUBBER, "K": 1e3}
@@ -212,35 +204,5 @@ BODIES = (
         elements=((4, 2, 4), (4, 2, 8), (8, 4, 12)),
         warp=_bent,
         part=lambda x: 1 + int(x[0] > 1) + int(x[0] > 1.5),
-    ),
-)
-
-#: Boxes of two tissues, of one size
-TWO_TISSUES = (
-    _body(
-        "muscle beside fat",
-        (_MUSCLE, _FAT),
-        (held("bottom"), held("top", u_z=0.1)),
-        (probe("within the muscle", "u_x", (0.5, 0.5, 1)), force("pull", "z", "top")),
-        activation=0.15,
-        size=_SIZE,
-        label=lambda x: _in_box(x) * (1 + (x[..., 0] > 1.0)),
-        sizes=(0.2,),
-        elements=((4, 2, 4), (8, 4, 8), (12, 4, 12)),
-        part=lambda x: 1 + int(x[0] > 1.0),
-    ),
-    _body(
-        "bar in gel",  # a stiff bar along z between softer sides, sheared
-        (
-            {"name": "gel", "model": "neo-hookean", "mu": 2.0, "K": 6.0},
-            {"name": "silicone", "model": "neo-hookean", "mu": 20.0, "K": 1e4},
-        ),
-        (held("bottom"), held("top", u_x=0.4)),
-        (probe("middle", "u_x", (1, 0.5, 1)), force("push", "x", "top")),
-        size=_SIZE,
-        label=lambda x: _in_box(x) * (1 + (abs(x[..., 0] - 1.0) < 0.4)),
-        sizes=(0.2,),
-        elements=((10, 2, 4), (10, 4, 8), (20, 4, 12)),
-        part=lambda x: 1 + int(abs(x[0] - 1.0) < 0.4),
     ),
 )

@@ -9,16 +9,15 @@ import pytest
 
 from benchmarks import runner
 from benchmarks.pivots import PIVOTS, cost
-from benchmarks.problems import BY_NAME
-from benchmarks.runner import WRONG, Truth, Truths, sized_tables
+from benchmarks.runner import WRONG, Truth, Truths
 from benchmarks.runs import solve_case
-from benchmarks.truths.deck_parts import probe
+from benchmarks.truths.deck_parts import deck, force, held, probe
 from benchmarks.truths.finite_elements import solve_deck
 from myork.bench import run_benches
+from myork.bench.materials import MUSCLE
 from myork.bench.runs import read_deck
-from myork.console import silent
 from myork.errors import InputError
-from tests.scenes import refuses
+from tests.scenes import neo, refuses
 
 pytestmark = pytest.mark.nightly
 
@@ -96,29 +95,17 @@ def test_race(tmp_path: Path) -> None:
     assert len(bench["plots"]) == 4
 
 
-def test_trust(tmp_path: Path) -> None:
+def test_trust_and_methods_are_views_of_the_same_rows(tmp_path, monkeypatch):
     """A cantilever and a clamped beam: no wrong answer is accepted, and `auto` is right."""
     bench = quick("trust", tmp_path)
     assert bench["tables"][0]["rows"][0][1] == 0
     own = [case for case in bench["cases"] if case["form"] == "auto"]
     assert len(own) == 2 and all(case["off"] < 0.05 for case in own)
     assert all({"verdict", "bar", "peer", "memory"} <= set(case) for case in own)
-
-
-def test_newcomer(tmp_path: Path) -> None:
-    bench = quick("newcomer", tmp_path)
-    columns, rows = bench["tables"][0]["head"], bench["tables"][0]["rows"]
-    assert [row[columns.index("right")] for row in rows] == [True, True]
-    assert max(max(case["error"].values()) for case in bench["cases"]) < 0.05
-
-
-def test_methods_are_a_view_of_the_same_rows(tmp_path, monkeypatch):
-    """A page of the runner."""
-    solve, _ = PIVOTS["newcomer"]
-    rows = solve(silent, True)
-    for name in ("methods", "trust"):
-        monkeypatch.setitem(PIVOTS, name, (lambda *_: list(rows), PIVOTS[name][1]))
+    # a page of the runner
+    monkeypatch.setitem(PIVOTS, "methods", (lambda *_: bench["cases"], PIVOTS["methods"][1]))
     runner.main("methods", "--quick", "--out", str(tmp_path))
+
     page = (tmp_path / "methods.md").read_text("utf-8")
     assert "Written by `python benchmarks/runner.py methods --quick` on 20" in page
     (line,) = [line for line in page.splitlines() if line.startswith("| auto |")]
@@ -132,24 +119,37 @@ def test_certify(tmp_path: Path) -> None:
         assert covered >= 0.9 and 1.0 < bench["sharpness"][form] < 10.0
 
 
-# ---- decks of a new user, and finite elements beside them ----------------------------------------
+# ---- bars and verdicts beside finite elements ----------------------------------------------------
 
 
-#: Problems of few cells: points of the second solution, values of finer ones and the widest bar
-FEW: dict[str, tuple[int, dict[str, float], float]] = {
-    # finite elements, which change by 2e-4 relative to half as many elements
-    "soft sheet": (17 * 9, {}, WRONG),
-    # 9x9x25 points; half of the cells are enough
-    "free muscle": (3 * 3 * 7, {"end": -0.27302, "belly": 0.02571}, 0.1),
-}
+#: Decks of few cells: points of the second solution, values of finer ones and the widest bar
+FEW: dict[str, tuple[dict[str, Any], int, dict[str, float], float]] = {
+    "soft sheet": (
+        deck(
+            "soft sheet", {"kind": "box", "size": [2, 1], "source": [9, 5]}, [neo(2.0, 6.0)],
+            [held("x0", 2), held("x1", 2, u_x=1.0)],
+            [probe("waist", "u_y", (1, 1)), probe("middle", "cauchy_xx", (1, 0.5)),
+             force("pull", "x", "x1")],
+        ),
+        # finite elements, which change by 2e-4 relative to half as many elements
+        17 * 9, {}, WRONG,
+    ),
+    "free muscle": (
+        deck(
+            "free muscle", {"kind": "box", "size": [1, 1, 3], "source": [5, 5, 13]},
+            [{**MUSCLE, "fiber_angle": 0}], [held("z0"), {"set": "z1", "u_x": 0, "u_y": 0}],
+            [probe("end", "u_z", (0.5, 0.5, 3)), probe("belly", "u_x", (1, 0.5, 1.5))], 0.05,
+        ),
+        # 9x9x25 points; half of the cells are enough
+        3 * 3 * 7, {"end": -0.27302, "belly": 0.02571}, 0.1,
+    ),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("name", FEW)
 def test_few_cells_are_compared_with_more(name: str) -> None:
     """Bars contain the error, and are narrower than those from half as many cells."""
-    points, values, widest = FEW[name]
-    problem = BY_NAME[name]
-    tables = sized_tables(problem.tables, problem.sizes[0])
+    tables, points, values, widest = FEW[name]
     case = solve_case(tables)
     assert case["companion"]["source_points"] == points
     assert case["verdict"]["state"] == "accepted"
@@ -174,10 +174,12 @@ def test_errors_of_an_answer() -> None:
 
 def test_corners_inside_out_near_a_probe_are_named() -> None:
     """J is negative in the glued corners of the pad, where no stress exists."""
-    problem = BY_NAME["pad between plates"]
-    tables = sized_tables(problem.tables, problem.sizes[0])
-    corner = {**tables, "probe": [*tables["probe"], probe("corner", "u_x", (2.9, 0.9))]}
-    case = solve_case(corner)
+    tables = deck(
+        "pad between plates", {"kind": "box", "size": [3, 1], "source": [25, 9]}, [neo(20.0, 1e4)],
+        [held("y0", 2), held("y1", 2, u_y=-0.25)],
+        [probe("middle", "cauchy_yy", (1.5, 0.5)), probe("corner", "u_x", (2.9, 0.9))],
+    )  # fmt: skip
+    case = solve_case(tables)
     assert case["verdict"]["state"] == "doubtful"
     (reason,) = (text for text in case["verdict"]["reasons"] if "near probe corner" in text)
     assert "the material is inverted (in 0.29 % of the volume, near probe corner)" in reason

@@ -15,9 +15,7 @@ from myork.errors import InputError
 __all__ = ["BENCHES", "run_benches"]
 
 #: Benchmarks of a checkout
-BENCHES = (
-    "linear", "nonlinear", "rom", "trust", "methods", "newcomer", "certify", "race",
-)  # fmt: skip
+BENCHES = ("linear", "nonlinear", "rom", "trust", "methods", "certify", "race")
 
 
 def run_benches(
