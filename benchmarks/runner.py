@@ -4,8 +4,9 @@
 
 solves the rows of `trust`, `methods`, `certify`, `unseen`, `layers`, `maps` or `race`
 (`methods` is another view of those of `trust`), and writes `NAME.md`, a view of them, and figures
-of its curves to `docs/results` or DIR. `myork bench NAME` writes all rows to `bench.json`. Of
-`linear`, `nonlinear` and `rom`, tables of `studies.py`, the runner writes the page.
+of its curves to `docs/results` or DIR, and all rows to `results.json` there. `myork bench NAME`
+writes them to `bench.json`. Of `linear`, `nonlinear` and `rom`, tables of `studies.py`, the runner
+writes the page.
 
     python benchmarks/runner.py truths NAME [[FIRST] LAST]
 
@@ -48,7 +49,7 @@ from myork.bench.runs import read_deck
 from myork.console import ProgressCallback
 from myork.core.scene import Scene
 from myork.errors import ConvergenceError, MyorkError
-from myork.files import write_text
+from myork.files import write_json, write_text
 from myork.records import PointCloud
 from myork.report.frame import table_lines
 
@@ -402,9 +403,21 @@ def main(*words: str) -> None:
     options = parser.parse_args(words)
     options.out.mkdir(parents=True, exist_ok=True)
     solved: dict[str, Any] = {}
+    kept = ("problem", "form", "size", "unknowns", "error", "bar", "verdict", "cpu_s", "memory")
+    # `trust` and `methods` show the same rows
+    rows: dict[tuple[str, str, str], dict[str, Any]] = {}
     for name in options.names:
-        run = studies.run if name in studies.STUDIES else partial(pivots.view, solved=solved)
-        shown = run(name, print, options.quick)
+        if name in studies.STUDIES:
+            shown = studies.run(name, print, options.quick)
+        else:
+            shown = pivots.view(name, print, options.quick, solved=solved)
+            rows |= {
+                (row["problem"], row["form"], row["size"]): {
+                    key: row.get(key) for key in (*kept, "peer")
+                }
+                for row in shown["cases"]
+            }
+            write_json(options.out / "results.json", list(rows.values()))
         write_text(options.out / f"{name}.md", _markdown(name, shown, options))
         print(options.out / f"{name}.md")
 

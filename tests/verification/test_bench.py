@@ -110,6 +110,9 @@ def test_trust_and_methods_are_views_of_the_same_rows(tmp_path, monkeypatch):
     assert "Written by `python benchmarks/runner.py methods --quick` on 20" in page
     (line,) = [line for line in page.splitlines() if line.startswith("| auto |")]
     assert line.split(" | ")[1:4] == ["2", "0", "0"]
+    rows = json.loads((tmp_path / "results.json").read_text("utf-8"))
+    assert [row["error"] for row in rows] == [case["error"] for case in bench["cases"]]
+    assert all({"problem", "bar", "cpu_s", "memory", "peer", "size"} <= set(row) for row in rows)
 
 
 def test_certify(tmp_path: Path) -> None:
