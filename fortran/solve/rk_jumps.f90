@@ -79,9 +79,9 @@ subroutine find_jumps(scene, error)
    end do
    if (size(plane) == 0) return
    scene%thin_layers = too_close(axis, plane, step)
-   if (.not. by_coefficients .and. nd == 2) then
-      if (scene%cloud%polar .and. any(axis == 2)) return
+   if (.not. by_coefficients .and. nd == 2 .and. scene%cloud%polar .and. any(axis == 2)) then
       scene%thin_layers = .false.
+      return
    end if
    call move_alloc(axis, scene%approximation%kink_axis)
    call move_alloc(plane, scene%approximation%kink)

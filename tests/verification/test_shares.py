@@ -534,11 +534,21 @@ def test_an_active_layer_one_spacing_thick_acts_with_its_volume() -> None:
     assert_allclose(found[0]["u"], found[1]["u"], atol=0.01 * np.linalg.norm(found[1]["u"]))
 
 
-def test_a_thin_sheet_in_space_is_doubted() -> None:
-    tables = plates(box(5, 5, 4), "z > 0.47 and z < 0.53", 5.0, "z0 z1")
-    states = solved(tables, error=True).states
-    assert states.verdict == "doubtful"
-    assert any("thinner than 1.5 spacings" in reason for reason in states.reasons)
+@pytest.mark.parametrize(
+    ("geometry", "layer", "mu", "doubted"),
+    [
+        (box(5, 5, 4), "z > 0.47 and z < 0.53", 5.0, True),
+        (box(9, 9), "y > 0.48 and y < 0.52", 5.0, True),
+        (box(9, 9), "y > 0.48 and y < 0.52", 25.0, False),
+    ],
+)
+def test_a_thin_sheet_much_softer_than_its_surroundings_is_doubted(
+    geometry, layer, mu, doubted
+) -> None:
+    ends = f"{layer[0]}0 {layer[0]}1"
+    states = solved(plates(geometry, layer, mu, ends), error=True).states
+    assert (states.verdict == "doubtful") == doubted
+    assert any("thinner than 1.5 spacings" in reason for reason in states.reasons) == doubted
 
 
 @pytest.mark.parametrize(("plane", "near"), [(0.5, 0.48), (0.51, 0.53)])
