@@ -91,7 +91,10 @@ _FACTS: dict[str, Callable[[Mapping[str, Any]], str]] = {
 
 
 def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) -> Markup:
-    """Values of all probes, one row per step of the summary; `units` by names of probes."""
+    """Values of all probes, a row for each step, or for each probe where there are more of them.
+
+    - `units`: by names of probes
+    """
     head = ["load [-]", *(labelled(name, unit) for name, unit in units.items())]
     rows = [
         [
@@ -103,6 +106,8 @@ def probe_table(steps: Sequence[Mapping[str, Any]], units: Mapping[str, str]) ->
         ]
         for step in steps
     ]
+    if len(steps) < len(units):
+        head, *rows = map(list, zip(head, *rows, strict=True))
     return table(head, rows)
 
 
