@@ -32,6 +32,9 @@ static void check_materials(Deck &deck) {
 
 // The motion of the plate at the end of a tendon is not prescribed by another key
 static void check_tendon(Deck &deck, Section &section) {
+   for (const char *load : {"spring", "pressure"})
+      if (section.find("tendon") && section.find(load))
+         deck.refuse(section, load, "cannot act on the plate of a tendon: give it a pull instead");
    const Value *direction = section.find("tendon") ? section.find("direction") : nullptr;
    if (!direction)
       return;

@@ -66,8 +66,8 @@ module rk_verdict
    !> Bar of a probe below which it is zero among its kind [-]
    real(wp), parameter :: of_small = 0.01_wp
    !> Largest ratio of shear moduli up to which layers may be thinner than 1.5 spacings: half a
-   !> spacing thick with a point in the middle, one between plates 2, 3.3 and 10 times as stiff was 2,
-   !> 6 and 32 % too stiff, within bars of 5 to 9 % [-]
+   !> spacing thick with a point in the middle, one between plates 2, 3.3 and 10 times as stiff was
+   !> 2, 6 and 32 % too stiff, within bars of 5 to 9 % [-]
    real(wp), parameter :: most_ratio = 2.5_wp
    !> Share of the volume in which J differs from the J of the pressure, and by how much
    real(wp), parameter :: of_volume(2) = [0.05_wp, 0.25_wp], off_pressure = 0.1_wp

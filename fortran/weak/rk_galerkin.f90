@@ -721,8 +721,7 @@ subroutine inner_forces(self, state, r)
    end do
 end subroutine inner_forces
 
-!> Strain energy including that of the projected change of volume; for the whole body also that of
-!> its supports [force length]
+!> Strain energy including that of the projected change of volume [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -732,7 +731,6 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
 
    nc = size(self%scene%cloud%points, 2)
    energy = 0.0_wp
-   if (tissue == 0) energy = self%surface%held_energy(state)
    do g = 1, size(self%cells%first) - 1
       do q = self%cells%first(g) + 1, self%cells%first(g + 1)
          part = 1.0_wp
@@ -894,12 +892,12 @@ function section_force(self, place, normal, state) result(force)
    real(wp), intent(in) :: place(:)
    real(wp), intent(in) :: normal(:)
    type(field_state), intent(in) :: state
-   real(wp) :: force(3)
+   real(wp) :: force(3), moved
    real(wp), allocatable :: cut(:), inner(:)
    integer :: k, nd
 
    nd = self%scene%cloud%nd
-   cut = cut_through(self%scene, place, normal)
+   call cut_through(self%scene, place, normal, cut, moved)
    allocate (inner(self%n), source=0.0_wp)
    ! the penalty, springs and stabilisation do not contribute to the stress of one tissue
    if (state%tissue == 0) call self%constant_product(state%x(:self%matrix%n), &
@@ -909,19 +907,25 @@ function section_force(self, place, normal, state) result(force)
    do k = 1, size(cut)
       force(:nd) = force(:nd) + cut(k)*inner(nd*(k - 1) + 1:nd*k)
    end do
+   ! loads and supports between the plane and the cut; those of one tissue are not known
+   if (state%tissue == 0 .and. abs(moved) > 0.0_wp) force = force + self%surface%force_between( &
+      & self%cells, cut, dot_product(normal, place), normal, 0.5_wp*dot_product(abs(normal), &
+      & sum(self%scene%cloud%spacing, dim=2))/size(cut), state)
 end function section_force
 
 !> Share of each source point in that motion, which grows from 0 to 1 within one spacing across the
 !> plane. The cut must not reach surface points at the ends of the body: near an end the plane is
 !> moved inwards, and where there is no room for that, the share grows over the whole body
-function cut_through(scene, place, normal) result(share)
+subroutine cut_through(scene, place, normal, share, moved)
    type(scene_type), intent(in) :: scene
    !> Point of the plane, shape (nd) [length]
    real(wp), intent(in) :: place(:)
    !> Its unit normal, shape (nd)
    real(wp), intent(in) :: normal(:)
    !> Share, 0 before the plane and 1 behind it, shape (ns) [-]
-   real(wp), allocatable :: share(:)
+   real(wp), allocatable, intent(out) :: share(:)
+   !> Distance along the normal by which the cut was moved, also where it is wide [length]
+   real(wp), intent(out) :: moved
    real(wp) :: first, last, margin, middle, width
 
    associate (cloud => scene%cloud)
@@ -937,15 +941,17 @@ function cut_through(scene, place, normal) result(share)
          & maxval(max(scene%support, 2.0_wp*cloud%spacing), dim=2))
       margin = margin - 0.5_wp*width
       middle = dot_product(normal, place)
+      moved = middle
       if (last - first >= 2.0_wp*margin) then
          middle = min(max(middle, first + margin), last - margin)
       else
          middle = 0.5_wp*(first + last)
          width = last - first
       end if
+      moved = middle - moved
       share = min(max(0.5_wp + (share - middle)/width, 0.0_wp), 1.0_wp)
    end associate
-end function cut_through
+end subroutine cut_through
 
 !> Force that the surroundings exert on the body through a set, or its moment
 function set_force(self, set, state, share, about) result(force)

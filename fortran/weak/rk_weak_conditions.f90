@@ -49,7 +49,8 @@ module rk_weak_conditions
       !> Penalty times area of each point, shape (ms) [force/length]
       real(wp), allocatable :: penalty(:)
    contains
-      procedure :: set_varying, set_penalty, coupled, add_penalty, add_forces, add_push, held_energy
+      procedure :: set_varying, set_penalty, coupled, add_penalty, add_forces, add_push
+      procedure :: force_between
       procedure :: force => set_force, pressure_force, gradient_at, held_at, held_force
    end type surface_type
 
@@ -491,24 +492,6 @@ pure function by_factors(part, factor) result(all)
    all = [(combined(part(:, i), factor), i=1, size(all))]
 end function by_factors
 
-!> Energy of the penalty, as supports yield slightly [force length]
-real(wp) function held_energy(self, state) result(energy)
-   class(surface_type), intent(in) :: self
-   type(field_state), intent(in) :: state
-   real(wp) :: u(size(self%value, 2), self%shape%nq), held(size(self%value, 2))
-   integer :: i, s
-
-   energy = 0.0_wp
-   do s = 1, size(self%penalty)
-      if (.not. any(self%essential(:, s))) cycle
-      call self%shape%interpolate(s, state%x, 1, 1, u)
-      held = self%held_at(s, state)
-      do i = 1, size(u, 1)
-         if (self%essential(i, s)) energy = energy + 0.5_wp*self%penalty(s)*(u(i, 1) - held(i))**2
-      end do
-   end do
-end function held_energy
-
 !> Force on the body at a surface point, and the displacement there
 subroutine add_point_force(self, cells, s, state, held, traction, force, displacement)
    class(surface_type), intent(in) :: self
@@ -597,5 +580,39 @@ function held_force(self, cells, cut, state) result(force)
       end do
    end do
 end function held_force
+
+!> Forces on the surface between a plane and a cut
+function force_between(self, cells, cut, place, normal, width, state) result(force)
+   class(surface_type), target, intent(in) :: self
+   type(cells_type), intent(in) :: cells
+   !> Share of each source point behind the cut, shape (ns) [-]
+   real(wp), intent(in) :: cut(:)
+   !> Plane by its distance from the origin along its unit normal [length]
+   real(wp), intent(in) :: place
+   real(wp), intent(in) :: normal(:)
+   !> Distance over which a point of a face that it cuts passes it [length]
+   real(wp), intent(in) :: width
+   type(field_state), intent(in) :: state
+   real(wp) :: force(3), own(3), u(3), behind
+   real(wp), pointer, contiguous :: values(:, :)
+   integer, pointer, contiguous :: nodes(:)
+   integer :: s
+
+   force = 0.0_wp
+   do s = 1, size(cells%set)
+      call self%shape%row(s, nodes, values)
+      own = 0.0_wp
+      call add_point_force(self, cells, s, state, self%held_at(s, state), &
+         & by_factors(self%traction(:, :, s), state%factor), own, u)
+      behind = dot_product(normal, cells%surface(:, s)) - place
+      ! faces that the plane cuts pass it one after the other, those along it at once
+      if (abs(dot_product(normal, cells%outward(:, s))) < 0.7_wp*norm2(cells%outward(:, s))) then
+         behind = min(max(0.5_wp + behind/width, 0.0_wp), 1.0_wp)
+      else
+         behind = merge(1.0_wp, 0.0_wp, behind > 0.0_wp)
+      end if
+      force = force + (behind - dot_product(values(1, :), cut(nodes)))*own
+   end do
+end function force_between
 
 end module rk_weak_conditions

@@ -254,6 +254,8 @@ def test_a_spring_is_as_stiff_whatever_its_amplitude():
     # a bed across a direction does not prevent sliding along it
     (scene("rkpm-gauss", box(5, 3), material=[neo(2, 200)],
            boundary=[{"set": "y0", "spring": [0, 3]}]), "free to slide along x"),
+    *((tendon({**GUIDED, "tendon": 20, "direction": [0, 0, 1], "pull": 0.1, **load}),
+       "cannot act on the plate of a tendon") for load in ({"spring": [0, 0, 5]}, {"pressure": 1})),
 ])  # fmt: skip
 def test_conditions_that_cannot_be(tables, message):
     assert message in scenes.refused(tables)

@@ -111,6 +111,24 @@ def test_materials_share_a_section_by_their_stresses(method, essential):
         assert found[f"b{x}"] == pytest.approx(3 * 7 / 9 * found[f"a{x}"], rel=near)
 
 
+@pytest.mark.parametrize("source", [[9, 33], [5, 17]])
+def test_sections_near_an_end_carry_the_loads_beyond_them(source):
+    """A bar with tractions along its sides: near its ends the cut lies farther inside."""
+    places = (0.03, 0.1, 0.3, 2.0, 3.9, 3.98)
+    tables = scene(
+        "rkpm-gauss", box(*source, size=[2, 4]), material=[neo(50.0, 200.0)],
+        boundary=[held("y0", 2), {"set": "y1", "traction": [0, 0.2]},
+                  *({"set": side, "traction": [0, 1.0]} for side in ("x0", "x1"))],
+        probe=[{"name": f"{y}", "quantity": "section_force_y", "point": [1.0, y],
+                "normal": [0, 1]} for y in places],
+    )  # fmt: skip
+    found = solved(tables).last()
+    for y in places:
+        # surface points have half a spacing each, whose load may count whole or not at all
+        near = 2 * 4 / (source[1] - 1) / 8
+        assert found[f"{y}"] == pytest.approx(2 * (4 - y) + 0.4, abs=near)
+
+
 def test_springs_belong_to_the_part_of_a_body_that_they_hold():
     """A sheet on springs: a section has one force, whichever side its normal points to."""
     spring = {"set": "y0", "spring": [3.0, 0.0]}
