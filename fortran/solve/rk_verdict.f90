@@ -71,9 +71,9 @@ module rk_verdict
    real(wp), parameter :: most_ratio = 2.5_wp
    !> Share of the volume in which J differs from the J of the pressure, and by how much
    real(wp), parameter :: of_volume(2) = [0.05_wp, 0.25_wp], off_pressure = 0.1_wp
-   !> Mean of this difference in a weak form, whose stress has the pressure of its cells and may be
-   !> right where J at points is not: users of the field are warned, and the error bar of a probe of
-   !> J includes it
+   !> Root mean square of this difference in a weak form, whose stress has the pressure of its cells
+   !> and may be right where J at points is not: users of the field are warned, and the error bar of
+   !> a probe of J includes it; mean of it above which inverted rims count
    real(wp), parameter :: of_point_volume = 0.05_wp
    !> The same of a model, whose usual blocks leave up to 20 % [-]
    real(wp), parameter :: of_block_volume = 0.2_wp
@@ -438,22 +438,28 @@ subroutine warn_of_volume(problem, outcome, receiver, off)
    !> Mean of the difference over the volume, where rims of fixed sets count little [-]
    real(wp), intent(out) :: off
    type(point_state) :: local
+   real(wp) :: difference, square
    integer :: ip
 
    off = 0.0_wp
-   associate (volume => problem%scene%cloud%volume)
+   square = 0.0_wp
+   associate (volume => problem%scene%cloud%volume, sound => .not. outcome%broken)
       do ip = 1, size(volume)
          ! singular places are judged separately
          if (outcome%broken(ip)) cycle
          call problem%at_point(outcome%peak, ip, local)
-         off = off + volume(ip)*abs(determinant(local%f) - pressed_volume(problem, ip, local))
+         difference = abs(determinant(local%f) - pressed_volume(problem, ip, local))
+         off = off + volume(ip)*difference
+         square = square + difference**2
       end do
-      off = off/max(sum(volume, mask=.not. outcome%broken), tiny(1.0_wp))
+      off = off/max(sum(volume, mask=sound), tiny(1.0_wp))
+      square = sqrt(square/max(count(sound), 1))
    end associate
-   if (off <= merge(of_block_volume, of_point_volume, allocated(problem%scene%cloud%block))) return
-   call outcome%warn('J at points differs by '//to_text(100.0_wp*off, 2)//' % in the mean from ' &
-      & //'the value given by the pressure: stresses and forces use its mean over cells; use ' &
-      & //'more points before you use J or F', receiver)
+   if (square <= merge(of_block_volume, of_point_volume, allocated(problem%scene%cloud%block))) &
+      & return
+   call outcome%warn('J at points differs by '//to_text(100.0_wp*square, 2)//' % (root mean ' &
+      & //'square) from the value given by the pressure: stresses and forces use its mean over ' &
+      & //'cells; use more points before you use J or F', receiver)
 end subroutine warn_of_volume
 
 !> Places of output that are inverted or whose stress is not finite. Corners of fixed faces are

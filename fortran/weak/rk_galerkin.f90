@@ -721,7 +721,8 @@ subroutine inner_forces(self, state, r)
    end do
 end subroutine inner_forces
 
-!> Strain energy including that of the projected change of volume [force length]
+!> Strain energy including that of the projected change of volume; for the whole body also that of
+!> its supports [force length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(in) :: state
@@ -731,6 +732,7 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
 
    nc = size(self%scene%cloud%points, 2)
    energy = 0.0_wp
+   if (tissue == 0) energy = self%surface%held_energy(state)
    do g = 1, size(self%cells%first) - 1
       do q = self%cells%first(g) + 1, self%cells%first(g + 1)
          part = 1.0_wp
@@ -892,8 +894,9 @@ function section_force(self, place, normal, state) result(force)
    real(wp), intent(in) :: place(:)
    real(wp), intent(in) :: normal(:)
    type(field_state), intent(in) :: state
-   real(wp) :: force(3), moved
+   real(wp) :: force(3)
    real(wp), allocatable :: cut(:), inner(:)
+   logical :: moved
    integer :: k, nd
 
    nd = self%scene%cloud%nd
@@ -908,8 +911,8 @@ function section_force(self, place, normal, state) result(force)
       force(:nd) = force(:nd) + cut(k)*inner(nd*(k - 1) + 1:nd*k)
    end do
    ! loads and supports between the plane and the cut; those of one tissue are not known
-   if (state%tissue == 0 .and. abs(moved) > 0.0_wp) force = force + self%surface%force_between( &
-      & self%cells, cut, dot_product(normal, place), normal, 0.5_wp*dot_product(abs(normal), &
+   if (state%tissue == 0 .and. moved) force = force + self%surface%force_between(self%cells, cut, &
+      & dot_product(normal, place), normal, 0.5_wp*dot_product(abs(normal), &
       & sum(self%scene%cloud%spacing, dim=2))/size(cut), state)
 end function section_force
 
@@ -924,8 +927,8 @@ subroutine cut_through(scene, place, normal, share, moved)
    real(wp), intent(in) :: normal(:)
    !> Share, 0 before the plane and 1 behind it, shape (ns) [-]
    real(wp), allocatable, intent(out) :: share(:)
-   !> Distance along the normal by which the cut was moved, also where it is wide [length]
-   real(wp), intent(out) :: moved
+   !> The share does not grow at the plane, or not there alone
+   logical, intent(out) :: moved
    real(wp) :: first, last, margin, middle, width
 
    associate (cloud => scene%cloud)
@@ -941,14 +944,13 @@ subroutine cut_through(scene, place, normal, share, moved)
          & maxval(max(scene%support, 2.0_wp*cloud%spacing), dim=2))
       margin = margin - 0.5_wp*width
       middle = dot_product(normal, place)
-      moved = middle
+      moved = last - first < 2.0_wp*margin .or. middle < first + margin .or. middle > last - margin
       if (last - first >= 2.0_wp*margin) then
          middle = min(max(middle, first + margin), last - margin)
       else
          middle = 0.5_wp*(first + last)
          width = last - first
       end if
-      moved = middle - moved
       share = min(max(0.5_wp + (share - middle)/width, 0.0_wp), 1.0_wp)
    end associate
 end subroutine cut_through

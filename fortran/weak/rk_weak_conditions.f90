@@ -50,7 +50,7 @@ module rk_weak_conditions
       real(wp), allocatable :: penalty(:)
    contains
       procedure :: set_varying, set_penalty, coupled, add_penalty, add_forces, add_push
-      procedure :: force_between
+      procedure :: held_energy, force_between
       procedure :: force => set_force, pressure_force, gradient_at, held_at, held_force
    end type surface_type
 
@@ -491,6 +491,24 @@ pure function by_factors(part, factor) result(all)
 
    all = [(combined(part(:, i), factor), i=1, size(all))]
 end function by_factors
+
+!> Energy of the penalty, as supports yield slightly [force length]
+real(wp) function held_energy(self, state) result(energy)
+   class(surface_type), intent(in) :: self
+   type(field_state), intent(in) :: state
+   real(wp) :: u(size(self%value, 2), self%shape%nq), held(size(self%value, 2))
+   integer :: i, s
+
+   energy = 0.0_wp
+   do s = 1, size(self%penalty)
+      if (.not. any(self%essential(:, s))) cycle
+      call self%shape%interpolate(s, state%x, 1, 1, u)
+      held = self%held_at(s, state)
+      do i = 1, size(u, 1)
+         if (self%essential(i, s)) energy = energy + 0.5_wp*self%penalty(s)*(u(i, 1) - held(i))**2
+      end do
+   end do
+end function held_energy
 
 !> Force on the body at a surface point, and the displacement there
 subroutine add_point_force(self, cells, s, state, held, traction, force, displacement)

@@ -477,13 +477,13 @@ def test_values_follow_amplitudes_and_rotations(open_scene):
 
 
 def test_force_is_the_derivative_of_the_energy():
-    """dE/du of a moving plate is its force, but for what the penalty of its supports stores."""
+    """dE/du of a moving plate is its force; compliant supports do not contribute."""
     tables = sheared(3, "rkpm-gauss")
     tables["boundary"].pop()
     tables["probe"] = scenes.probes("force force_z z1", "energy energy")
     ends = 0.299, 0.3, 0.301
     low, here, high = (solved(tables, f"boundary.z1.u_z={end}").last() for end in ends)
-    assert (high["energy"] - low["energy"]) / 2e-3 == pytest.approx(here["force"], rel=1e-5)
+    assert (high["energy"] - low["energy"]) / 2e-3 == pytest.approx(here["force"], rel=2e-6)
 
 
 def test_the_penalty_comes_to_it_as_it_grows():
