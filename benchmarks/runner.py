@@ -348,20 +348,27 @@ def _finite_elements(
 
 
 def _limits(found: Sequence[Mapping[str, float]]) -> dict[str, Truth]:
-    """Limit of the meshes: Aitken's where the changes decrease, otherwise the finest value."""
+    """Limit of the meshes and its doubt, which is what the finest mesh changed of the limit."""
     truths = {}
     for name in found[-1] if found else ():
         values = [probes[name] for probes in found]
-        last = values[-1]
-        change = last - values[-2] if len(values) > 1 else abs(last)
-        doubt = abs(change)
-        if len(values) > 2:
-            before = values[-2] - values[-3]
-            if change * before > 0.0 and abs(change) < 0.7 * abs(before):
-                rest = change * change / (before - change)
-                last, doubt = last + rest, abs(rest)
-        truths[name] = Truth(last, doubt)
+        last = _aitken(values[-3:])
+        before = _aitken(values[-4:-1]) if len(values) > 3 else None
+        if last is None:
+            truths[name] = Truth(values[-1], abs(values[-1] - [0.0, *values][-2]))
+        else:
+            truths[name] = Truth(last, abs(last - (values[-1] if before is None else before)))
     return truths
+
+
+def _aitken(values: Sequence[float]) -> float | None:
+    """Limit of three values, or none where their changes do not decrease."""
+    if len(values) < 3:
+        return None
+    before, change = values[1] - values[0], values[2] - values[1]
+    if not (change * before > 0.0 and abs(change) < 0.7 * abs(before)):
+        return None
+    return values[-1] + change * change / (before - change)
 
 
 def _exact(problem: Problem | Body, truths: Truths) -> Truths:

@@ -129,7 +129,7 @@ def _ring(rng: Rng, boundary: list[dict[str, Any]]) -> tuple[Any, ...]:
         force("f_y", "y", boundary[-1]["set"]),
     ]
     around = {1.25: 16, 1.5: 12, 2.0: 8, 3.0: 8}[outer]
-    elements = tuple((n, n * around // 4) for n in (4, 8, 16))
+    elements = tuple((n, n * around // 4) for n in (4, 8, 16, 32))
     return {"kind": "annulus", "inner_radius": 1.0, "outer_radius": outer}, elements, probes
 
 
@@ -307,7 +307,7 @@ def _creeps(meshes: Sequence[Mapping[str, float]]) -> bool:
     A fourth mesh of deck 324 changes all probes by more than the third did.
     """
     names = [name for name in meshes[-1] if name.startswith("f_")]
-    first, second = np.diff([[mesh[name] for name in names] for mesh in meshes], axis=0)
+    first, second = np.diff([[mesh[name] for name in names] for mesh in meshes[-3:]], axis=0)
     most = max(abs(meshes[-1][name]) for name in names)
     grown = (first * second > 0) & (abs(second) > np.maximum(0.9 * abs(first), 0.002 * most))
     return bool(grown.any())

@@ -116,9 +116,10 @@ subroutine refine(self, deck, model, receiver, error)
    real(wp) :: start, before, growth, now, worst, power, points, points_before, solving, &
       & solving_before
    real(wp), allocatable :: bar(:), left(:), share(:, :)
-   integer, allocatable :: before_cells(:), cells(:), next(:), aimed(:), limit(:)
-   integer :: d, level, halvings
-   character(len=:), allocatable :: line, words
+   integer, allocatable :: before_cells(:), cells(:), next(:), limit(:)
+   integer :: level, halvings
+   logical :: insoluble, ends
+   character(len=:), allocatable :: words
 
    self%searched = deck%has('refine')
    if (.not. self%searched) return
@@ -141,14 +142,50 @@ subroutine refine(self, deck, model, receiver, error)
       call cells_of(scene, cells, limit)
       if (level == 1 .and. allocated(scene%cloud%lattice)) call get_words(deck, scene%cloud, &
          & cells, self%points)
-      call new_problem(problem, scene, error)
-      call deck%locate(error)
-      if (.not. allocated(error)) then
-         call solve(problem, scene, deck, model, within, halvings, run, answer, companion, bars, &
-            & error)
-      else if (.not. allocated(self%start)) then
+      call solve_lattice()
+      if (allocated(error)) then
+         if (insoluble) return
+         if (receiver%stopped()) return
+         call cpu_time(now)
+         self%seconds = now - start
+         if (level > 1) then
+            call end_at_earlier()
+         else
+            call end_at_first()
+         end if
          return
       end if
+      call note_lattice()
+      if (worst <= self%wanted) then
+         self%met = .true.
+         self%reason = self%target//'met'
+         return
+      end if
+      call choose_cells(ends)
+      if (ends) return
+      if (level == most_levels) exit
+      call get_words(deck, scene%cloud, next, words)
+      call deck%vary(words, finer, error)
+      if (allocated(error)) return
+      coarser = deck
+      deck = finer
+      growth = maxval(real(next, wp)/cells)
+      self%points = words
+      before = now
+      before_cells = cells
+   end do
+   self%reason = self%target//'not met after '//to_text(most_levels)//' lattices'
+
+contains
+
+   !> Solve the scene and its companion, and find how much of the bars comes from each direction
+   subroutine solve_lattice()
+      call new_problem(problem, scene, error)
+      call deck%locate(error)
+      insoluble = allocated(error) .and. .not. allocated(self%start)
+      if (insoluble) return
+      if (.not. allocated(error)) call solve(problem, scene, deck, model, within, halvings, run, &
+         & answer, companion, bars, error)
       if (.not. allocated(error)) then
          ! where the load had to be halved, finer points need that as well
          halvings = maxval(run%step%halvings)
@@ -176,22 +213,12 @@ subroutine refine(self, deck, model, receiver, error)
       end if
       if (receiver%stopped()) call fatal_error(error, err_stopped, 'stopped while the points ' &
          & //'were refined')
-      if (allocated(error)) then
-         if (receiver%stopped()) return
-         call cpu_time(now)
-         self%seconds = now - start
-         if (allocated(self%start)) then
-            ! the earlier answer is kept
-            self%reason = self%target//'not met: the next points, '//list(cells)//' cells, ' &
-               & //'have no solution within refine.cost: '//error%message
-            deallocate (error)
-            call get_words(coarser, scene%cloud, before_cells, self%points)
-            deck = coarser
-            return
-         end if
-         call end_at_first()
-         return
-      end if
+   end subroutine solve_lattice
+
+   !> A line about the lattice
+   subroutine note_lattice()
+      character(len=:), allocatable :: line
+
       call cpu_time(now)
       line = 'refine '//to_text(level)//': '//list(merge(cells + 1, cells, &
          & allocated(scene%cloud%lattice)))//merge(' points', ' blocks', &
@@ -201,11 +228,15 @@ subroutine refine(self, deck, model, receiver, error)
       self%levels = self%levels//line//new_line('a')
       call receiver%note(line, warning=.false.)
       self%seconds = now - start
-      if (worst <= self%wanted) then
-         self%met = .true.
-         self%reason = self%target//'met'
-         return
-      end if
+   end subroutine note_lattice
+
+   !> Cells of the next lattice, or why there is none
+   subroutine choose_cells(ends)
+      logical, intent(out) :: ends
+      integer, allocatable :: aimed(:)
+      integer :: d
+
+      ends = .true.
       if (.not. any(left > self%wanted)) then
          self%reason = self%target//'not met: the voxels leave an uncertainty of ' &
             & //to_text(100.0_wp*maxval(bars%open), 2)//' %, however many ' &
@@ -237,20 +268,17 @@ subroutine refine(self, deck, model, receiver, error)
             if (product(real(next, wp)) < least_growth*product(real(cells, wp))) return
          end do
       end if
-      if (level == most_levels) exit
-      call get_words(deck, scene%cloud, next, words)
-      call deck%vary(words, finer, error)
-      if (allocated(error)) return
-      coarser = deck
-      deck = finer
-      growth = maxval(real(next, wp)/cells)
-      self%points = words
-      before = now
-      before_cells = cells
-   end do
-   self%reason = self%target//'not met after '//to_text(most_levels)//' lattices'
+      ends = .false.
+   end subroutine choose_cells
 
-contains
+   !> End with the points before, whose answer is kept
+   subroutine end_at_earlier()
+      self%reason = self%target//'not met: the next points, '//list(cells)//' cells, ' &
+         & //'have no solution within refine.cost: '//error%message
+      deallocate (error)
+      call get_words(coarser, scene%cloud, before_cells, self%points)
+      deck = coarser
+   end subroutine end_at_earlier
 
    !> End with the first points, whose answer has no second solution, or which have no answer: then
    !> the run has the states that converged, and the error that stopped it
