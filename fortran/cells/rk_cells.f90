@@ -50,6 +50,10 @@ module rk_cells
       integer, allocatable :: side(:, :)
       !> Points of the surface, shape (nd, ms) [length]
       real(wp), allocatable :: surface(:, :)
+      !> Places where conditions act, shape (nd, ms) [length]: those of the surface, in a model the
+      !> nearest ones of its smooth surface. Values prescribed on the steps between voxels would hold
+      !> the body at their edges, a quarter to half of a voxel inside
+      real(wp), allocatable :: place(:, :)
       !> Outward normal times area, shape (nd, ms) [length^(nd-1)]
       real(wp), allocatable :: outward(:, :)
       !> Area of the body behind each over that of the facet, shape (ms) [-]

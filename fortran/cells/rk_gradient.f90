@@ -85,14 +85,15 @@ module rk_gradient
 contains
 
 !> Set up the gradients
-subroutine new_gradient(self, cells, ns, inside, facet, surface, essential, follows, source)
+subroutine new_gradient(self, cells, ns, inside, facet, surface, held, essential, follows, &
+   & source)
    type(gradient_type), intent(out) :: self
    !> Integration points
    type(cells_type), intent(in) :: cells
    !> Number of source points, plus the blocks of unknowns that follow them
    integer, intent(in) :: ns
-   !> Shape functions at the points, the facets and the surface
-   type(shape_type), target, intent(in) :: inside, facet, surface
+   !> Shape functions at the points, the facets, the surface and the places of conditions
+   type(shape_type), target, intent(in) :: inside, facet, surface, held
    !> Components prescribed at each surface point, shape (fields, ms)
    logical, intent(in) :: essential(:, :)
    !> Block whose unknown a prescribed component follows, 0 if none, shape (fields, ms)
@@ -343,7 +344,7 @@ contains
       integer :: c, j
 
       lifted = .true.
-      call surface%row(ip, nodes, psi)
+      call held%row(ip, nodes, psi)
       do j = 1, size(nodes)
          call touch(nodes(j))
          if (pass == 1) cycle

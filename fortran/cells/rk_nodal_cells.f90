@@ -24,6 +24,8 @@ module rk_nodal_cells
    real(wp), parameter :: gauss(2) = [-1.0_wp, 1.0_wp]/sqrt(3.0_wp)
    !> Relative difference below which widths count as equal
    real(wp), parameter :: alike = 1.0e-6_wp
+   !> Sets of a model whose points lie on its smooth surface; the others are planes
+   character(len=*), parameter :: walls(2) = [character(len=7) :: 'surface', 'bone']
 
 contains
 
@@ -55,7 +57,26 @@ subroutine nodal_cells(self, cloud, error)
    if (allocated(error)) return
    call close_cells(self, size(group, 2), facets, group, filled)
    if (allocated(cloud%block)) call split_cells(self)
+   if (allocated(self%entry)) call find_places(self, cloud)
 end subroutine nodal_cells
+
+!> Places of conditions on curved walls: facets moved along the normal of the smooth surface onto it
+!> (shifted boundary, Main and Scovazzi, J. Comput. Phys. 372 (2018), doi:10.1016/j.jcp.2017.10.026)
+subroutine find_places(self, cloud)
+   type(cells_type), intent(inout) :: self
+   type(cloud_type), intent(in) :: cloud
+   integer :: s
+
+   self%place = self%surface
+   do s = 1, size(self%entry)
+      if (self%entry(s) == 0) cycle
+      if (all(cloud%set_names(self%set(s)) /= walls)) cycle
+      associate (normal => cloud%normal(:, self%entry(s)), &
+         & on => cloud%points(:, cloud%boundary_point(self%entry(s))))
+         self%place(:, s) = self%place(:, s) + dot_product(on - self%surface(:, s), normal)*normal
+      end associate
+   end do
+end subroutine find_places
 
 !> Replace the point of each cell by 2^nd points: as many resist gradients that vary within it. They
 !> lie about its centre with the volume and the second moments of the cell: in a box they are its 2

@@ -111,6 +111,7 @@ subroutine new_galerkin(self, scene, error)
    type(scene_type), target, intent(in) :: scene
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
+   type(shape_type), target :: closing
    real(wp), allocatable :: shear(:), softness(:), whole(:)
    integer :: blocks, ip, nc, nd, np, ns
 
@@ -139,8 +140,10 @@ subroutine new_galerkin(self, scene, error)
       & - minval(scene%cloud%source, dim=2))
 
    call scene%shape_at(self%cells%point, self%inside, error, first=.not. self%cells%smoothed)
-   if (.not. allocated(error)) call scene%shape_at(self%cells%surface, self%surface%shape, error, &
+   if (.not. allocated(self%cells%place)) self%cells%place = self%cells%surface
+   if (.not. allocated(error)) call scene%shape_at(self%cells%place, self%surface%shape, error, &
       & first=.true.)
+   if (.not. allocated(error)) call scene%shape_at(self%cells%surface, closing, error, plain=.true.)
    if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error, plain=.true.)
    if (allocated(error)) then
       error%message = 'integration '//error%message
@@ -154,8 +157,8 @@ subroutine new_galerkin(self, scene, error)
    call set_conditions(self%surface, scene, self%cells, shear, error)
    if (allocated(error)) return
    blocks = ns + self%surface%plates%count
-   call new_gradient(self%gradient, self%cells, blocks, self%inside, facet, self%surface%shape, &
-      & self%surface%essential, self%surface%plates%follows, scene%cloud%source)
+   call new_gradient(self%gradient, self%cells, blocks, self%inside, facet, closing, &
+      & self%surface%shape, self%surface%essential, self%surface%plates%follows, scene%cloud%source)
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    call share_bulk(self%mixture, self%cells, nc, scene%runs_out(), self%local_bulk, self%bulk, &
       & whole, softness)

@@ -114,7 +114,7 @@ subroutine prescribed_at(scene, cells, essential, value, traction, error, time)
    allocate (traction(size(own, 1), fields, ms))
    do s = 1, ms
       call conditions_at(scene, cells%in_set(s, scene%condition%set), &
-         & cells%surface(:, s), fixed, own, push, error, time)
+         & cells%place(:, s), fixed, own, push, error, time)
       if (allocated(error)) return
       essential(:, s) = fixed(:fields)
       value(:, :, s) = own(:, :fields)
