@@ -10,12 +10,13 @@
 !> in space: one group for all of them hardly resists any change of volume (a square held at a side
 !> and pressed on top: 38 % off, 1 % with nine).
 !>
-!> Faces that are cut by the border of a named set, or on which a traction jumps, have finer points,
-!> each of which lies on one side of the border.
+!> Faces that are cut by the border of a named set have Gauss points in each of the parts; faces on
+!> which a traction jumps have finer points.
 !>
 !> Planes on which materials meet cut cells, and groups end there, so that each has one material. In
 !> the plane groups between them are at least two spacings wide, in space at most two and a half.
 module rk_gauss_cells
+   use rk_borders, only : border_rule, face_rule, tensor_rule
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
    use rk_conditions, only : conditions_at
@@ -23,7 +24,6 @@ module rk_gauss_cells
    use rk_gauss, only : gauss_rule
    use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
    use rk_named_sets, only : sets_of
-   use rk_neighbours, only : nearest_points
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    implicit none
@@ -39,16 +39,11 @@ module rk_gauss_cells
    real(wp), parameter :: thinnest = 1.5_wp
    !> Planes closer than this to corners of cells, in spacings, are taken to lie on them [-]
    real(wp), parameter :: same_line = 1.0e-6_wp
-   !> Subdivisions of a face in each direction where the border of a set cuts it, by space dimension
+   !> Subdivisions of a face in each direction where a traction jumps, by space dimension
    integer, parameter :: parts(3) = [1, 64, 12]
    !> Error allowed in the force on a face, relative to the largest of its component on any face: a
    !> jump anywhere between the points exceeds it, the error for smooth tractions is smaller [-]
    real(wp), parameter :: of_traction = 0.01_wp
-
-   !> A Gauss rule from -1 to 1: places and weights, shape (n)
-   type :: rule_type
-      real(wp), allocatable :: node(:), share(:)
-   end type rule_type
 
    !> Cells of a lattice
    type :: lattice_type
@@ -65,7 +60,7 @@ module rk_gauss_cells
       !> The same in spacings where planes cut cells; whole numbers at source points
       real(wp), allocatable :: number(:, :)
    contains
-      procedure :: place, face_points
+      procedure :: corner, place, face_points
    end type lattice_type
 
 contains
@@ -79,12 +74,12 @@ subroutine gauss_cells(self, scene, error)
    type(error_type), allocatable, intent(out) :: error
    type(cloud_type), pointer :: cloud
    type(lattice_type) :: lattice
-   type(rule_type) :: rule, fine
+   type(face_rule) :: plain
+   type(face_rule), allocatable :: own_rule(:)
    real(wp), allocatable :: xi(:, :), x(:, :), area(:, :)
-   real(wp) :: jacobian
+   real(wp) :: jacobian, node(scene%galerkin%gauss), share(scene%galerkin%gauss)
    integer :: groups(3), cell(3), next(3), from(3), to(3), at(3), points(3)
-   integer, allocatable :: number(:), bound(:, :)
-   logical, allocatable :: cut(:, :)
+   integer, allocatable :: number(:), bound(:, :), which(:, :)
    logical :: linear, whole
    integer :: nd, np, i, j, d, k, end, faces, ms, mf, own, count, degree
 
@@ -107,10 +102,9 @@ subroutine gauss_cells(self, scene, error)
    if (allocated(cloud%line)) allocate (lattice%line, source=cloud%line)
    if (allocated(scene%approximation%kink)) call cut_lattice(lattice, &
       & scene%approximation%kink_axis, scene%approximation%kink)
-   allocate (rule%node(count), rule%share(count))
-   call gauss_rule(rule%node, rule%share)
-   fine = composed(rule, parts(nd))
-   call find_cut(scene, lattice, rule, fine, cut, error)
+   call gauss_rule(node, share)
+   plain = tensor_rule(1, count, nd)
+   call find_cut(scene, lattice, plain, own_rule, which, error)
    if (allocated(error)) return
    own = count**nd
    points = 1
@@ -126,7 +120,7 @@ subroutine gauss_cells(self, scene, error)
       np = product(cells)*own
       mf = sum([(product(cells) - product(cells)/cells(d), d=1, nd)])*count**(nd - 1)
       faces = sum([(2*product(cells)/cells(d), d=1, nd)])*count**(nd - 1) &
-         & + sum(merge(1, 0, cut))*(size(fine%node)**(nd - 1) - count**(nd - 1))
+         & + sum([(size(own_rule(k)%share) - count**(nd - 1), k=1, size(own_rule))])
       self%per_cell = own
       self%linear = lattice%polar .and. scene%approximation%order == 2
       allocate (self%facet(nd, mf), self%area(nd, mf), self%side(2, mf), number(product(cells)))
@@ -156,16 +150,17 @@ subroutine gauss_cells(self, scene, error)
             cell = from + digits_of(j - 1, to - from + 1)
             do k = 1, own
                at = digits_of(k - 1, points)
-               call lattice%place(cell, rule%node(at(:nd) + 1), self%point(:, np + k), jacobian)
-               self%weight(np + k) = jacobian*product(rule%share(at(:nd) + 1))
+               call lattice%place(cell, node(at(:nd) + 1), self%point(:, np + k), jacobian)
+               self%weight(np + k) = jacobian*product(share(at(:nd) + 1))
             end do
             do d = 1, nd
                do end = 0, 1
                   if (cell(d) == end*(cells(d) - 1)) then
-                     if (cut(2*d - 1 + end, place_of(cell, cells))) then
-                        call add_surface(fine)
+                     k = which(2*d - 1 + end, place_of(cell, cells))
+                     if (k > 0) then
+                        call add_surface(own_rule(k))
                      else
-                        call add_surface(rule)
+                        call add_surface(plain)
                      end if
                   else if (end == 1) then
                      call add_facets()
@@ -203,7 +198,7 @@ contains
 
    !> Gauss points of a face between two cells, at the upper end of the first
    subroutine add_facets()
-      call lattice%face_points(cell, d, end, rule, xi, x, area)
+      call lattice%face_points(cell, d, end, plain, xi, x, area)
       next = cell
       next(d) = cell(d) + 1
       do k = 1, size(x, 2)
@@ -217,7 +212,7 @@ contains
 
    !> Points of a face on the surface
    subroutine add_surface(points_of)
-      type(rule_type), intent(in) :: points_of
+      type(face_rule), intent(in) :: points_of
       integer :: q
 
       call lattice%face_points(cell, d, end, points_of, xi, x, area)
@@ -229,9 +224,9 @@ contains
          self%face(ms) = 2*nd*(place_of(cell, lattice%cells) - 1) + 2*d - 1 + end
          do q = 1, own
             at = digits_of(q - 1, points)
-            associate (eta => rule%node(at(:nd) + 1), l => own*(ms - 1) + q)
+            associate (eta => node(at(:nd) + 1), l => own*(ms - 1) + q)
                self%lift_point(l) = np + q
-               self%lift(l) = product(kernel(eta, xi(:, k))*rule%share(at(:nd) + 1)) &
+               self%lift(l) = product(kernel(eta, xi(:, k))*share(at(:nd) + 1)) &
                   & /self%weight(np + q)
             end associate
          end do
@@ -256,6 +251,18 @@ contains
 
 end subroutine gauss_cells
 
+!> Coordinates of the first corner of a cell, shape (nd)
+pure function corner(self, cell) result(q)
+   class(lattice_type), intent(in) :: self
+   !> Cell, from 0
+   integer, intent(in) :: cell(3)
+   real(wp) :: q(self%nd)
+   integer :: d
+
+   q = self%low(:self%nd) + self%step(:self%nd)*cell(:self%nd)
+   if (allocated(self%line)) q = [(self%line(cell(d), d), d=1, self%nd)]
+end function corner
+
 !> Place of a point of a cell
 pure subroutine place(self, cell, xi, x, jacobian, map)
    class(lattice_type), intent(in) :: self
@@ -278,10 +285,8 @@ pure subroutine place(self, cell, xi, x, jacobian, map)
    associate (nd => self%nd)
       q(:nd) = self%low(:nd) + step(:nd)*(cell(:nd) + 0.5_wp*(1.0_wp + xi))
       if (allocated(self%line)) then
-         do e = 1, nd
-            step(e) = self%line(cell(e) + 1, e) - self%line(cell(e), e)
-            q(e) = self%line(cell(e), e) + 0.5_wp*step(e)*(1.0_wp + xi(e))
-         end do
+         step(:nd) = self%corner(cell + 1) - self%corner(cell)
+         q(:nd) = self%corner(cell) + 0.5_wp*step(:nd)*(1.0_wp + xi)
       end if
       if (self%polar) then
          x = q(1)*[cos(q(2)), sin(q(2))]
@@ -300,92 +305,103 @@ pure subroutine place(self, cell, xi, x, jacobian, map)
    end associate
 end subroutine place
 
-!> Gauss points of a face of a cell
+!> Points of a face of a cell
 pure subroutine face_points(self, cell, axis, end, rule, xi, x, area)
    class(lattice_type), intent(in) :: self
    !> Cell, from 0
    integer, intent(in) :: cell(3)
    !> Direction across the face, and its lower (0) or upper (1) end
    integer, intent(in) :: axis, end
-   !> Rule in each direction of the face
-   type(rule_type), intent(in) :: rule
+   type(face_rule), intent(in) :: rule
    !> Points of the cell from -1 to 1, their places [length], normals times area [length^(nd-1)],
    !> shape (nd, n) each
    real(wp), allocatable, intent(out) :: xi(:, :), x(:, :), area(:, :)
-   real(wp) :: length, jacobian, map(3, 3)
-   integer :: e, k, n, sub(3)
+   real(wp) :: jacobian, map(3, 3)
+   integer :: k
 
-   associate (nodes => rule%node, shares => rule%share, nd => self%nd, turn => self%step(2))
-      k = size(nodes)**(nd - 1)
-      allocate (xi(nd, k), x(nd, k), area(nd, k))
-      do k = 1, size(x, 2)
-         n = 0
-         length = 1.0_wp
-         sub = digits_of(k - 1, [size(nodes), merge(size(nodes), 1, nd == 3), 1])
-         do e = 1, nd
-            if (e == axis) then
-               xi(e, k) = 2.0_wp*end - 1.0_wp
-            else
-               n = n + 1
-               xi(e, k) = nodes(sub(n) + 1)
-               length = length*shares(sub(n) + 1)
-            end if
-         end do
+   associate (nd => self%nd, turn => self%step(2), n => size(rule%share))
+      allocate (xi(nd, n), x(nd, n), area(nd, n))
+      xi(:axis - 1, :) = rule%xi(:axis - 1, :)
+      xi(axis, :) = 2.0_wp*end - 1.0_wp
+      xi(axis + 1:, :) = rule%xi(axis:, :)
+      do k = 1, n
          call self%place(cell, xi(:, k), x(:, k), jacobian, map)
          ! columns of the map are orthogonal: the face's area is the product of the others' lengths
-         area(:, k) = xi(axis, k)*length*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
-         ! normals of an arc add up to that of its chord, so that the faces of a cell close
-         if (self%polar .and. axis == 1) area(:, k) = area(:, k)*2.0_wp*sin(0.5_wp*turn) &
-            & /sum(0.5_wp*turn*shares*cos(0.5_wp*turn*nodes))
+         area(:, k) = xi(axis, k)*rule%share(k)*jacobian*map(:nd, axis)/sum(map(:, axis)**2)
       end do
+      ! normals of an arc add up to that of its chord, so that the faces of a cell close
+      if (self%polar .and. axis == 1) area = area*2.0_wp*sin(0.5_wp*turn) &
+         & /sum(0.5_wp*turn*rule%share*cos(0.5_wp*turn*rule%xi(1, :)))
    end associate
 end subroutine face_points
 
-!> Find faces on the surface whose finer points do not all lie in the same sets, or whose regular
-!> points do not capture the traction
-subroutine find_cut(scene, lattice, rule, fine, cut, error)
+!> Find faces on the surface that are cut by borders of sets, or whose regular points do not capture
+!> the traction, and their rules
+subroutine find_cut(scene, lattice, plain, own, which, error)
    type(scene_type), intent(in) :: scene
    !> Its cells
    type(lattice_type), intent(in) :: lattice
-   !> Rules of a face, and of one with finer points
-   type(rule_type), intent(in) :: rule, fine
-   !> Whether each face of each cell is cut, shape (2 nd, cells)
-   logical, allocatable, intent(out) :: cut(:, :)
+   !> Rule of other faces
+   type(face_rule), intent(in) :: plain
+   type(face_rule), allocatable, intent(out) :: own(:)
+   !> Rule of each face of each cell, 0 for the plain one, shape (2 nd, cells)
+   integer, allocatable, intent(out) :: which(:, :)
    !> Error handling: an expression that is not finite
    type(error_type), allocatable, intent(out) :: error
+   type(face_rule) :: rule
+   type(face_rule), allocatable :: longer(:)
    real(wp), allocatable :: at(:, :), area(:, :)
+   real(wp) :: low(lattice%nd), high(lattice%nd)
    integer, allocatable :: side_of(:)
-   logical, allocatable :: within(:, :), outer(:, :), missed(:)
-   integer :: c, cell(3), d, end, k, each
+   logical, allocatable :: within(:, :), outer(:, :), missed(:, :)
+   integer :: c, cell(3), d, end, k, n
+   logical :: cut
 
    associate (nd => lattice%nd, cells => lattice%cells, cloud => scene%cloud)
-      allocate (cut(2*nd, product(cells)), source=.false.)
+      allocate (own(0))
+      allocate (which(2*nd, product(cells)), source=0)
       if (.not. (allocated(cloud%region) .or. any_varying(scene))) return
-      allocate (outer(2*nd, product(cells)))
+      allocate (outer(2*nd, product(cells)), missed(2*nd, product(cells)))
       do c = 1, size(outer, 2)
          cell = digits_of(c - 1, cells)
          outer(:, c) = [((cell(d) == end*(cells(d) - 1), end=0, 1), d=1, nd)]
       end do
-      call points_of(fine)
-      each = size(fine%node)**(nd - 1)
-      call sets_of(cloud, at, area, side_of, nearest_points(cloud%points, at), within, error)
-      if (allocated(error)) return
-      missed = [(any(any(within(:, k:k + each - 1), dim=2) &
-         & .and. .not. all(within(:, k:k + each - 1), dim=2)), k=1, size(at, 2), each)]
+      missed = .false.
       if (any_varying(scene)) call compare_tractions()
       if (allocated(error)) return
-      cut = unpack(missed, outer, .false.)
+      n = 0
+      allocate (longer(count(outer)))
+      do c = 1, size(outer, 2)
+         do k = 1, 2*nd
+            if (.not. outer(k, c)) cycle
+            d = (k + 1)/2
+            end = k + 1 - 2*d
+            cell = digits_of(c - 1, cells)
+            low = lattice%corner(cell)
+            high = lattice%corner(cell + 1)
+            low(d) = merge(high(d), low(d), end == 1)
+            high(d) = low(d)
+            call border_rule(rule, cut, cloud, d, end, low, high, &
+               & scene%galerkin%gauss, merge(parts(nd), 1, missed(k, c)), error)
+            if (allocated(error)) return
+            if (.not. (cut .or. missed(k, c))) cycle
+            n = n + 1
+            which(k, c) = n
+            longer(n) = rule
+         end do
+      end do
+      own = longer(:n)
    end associate
 
 contains
 
    !> Points of a rule on all outer faces
    subroutine points_of(rule)
-      type(rule_type), intent(in) :: rule
+      type(face_rule), intent(in) :: rule
       real(wp), allocatable :: xi(:, :), x(:, :), outward(:, :)
       integer :: c, d, k, n, each
 
-      each = size(rule%node)**(lattice%nd - 1)
+      each = size(rule%share)
       n = each*count(outer)
       if (allocated(at)) deallocate (at, area, side_of)
       allocate (at(lattice%nd, n), area(lattice%nd, n), side_of(n))
@@ -408,30 +424,29 @@ contains
 
    !> Mark faces on which the two rules differ
    subroutine compare_tractions()
-      real(wp), allocatable :: exact(:, :), own(:, :)
+      real(wp), allocatable :: exact(:, :), found(:, :)
 
-      call integrate(size(fine%node)**(lattice%nd - 1), exact)
+      call integrate(tensor_rule(parts(lattice%nd), scene%galerkin%gauss, lattice%nd), exact)
+      if (.not. allocated(error)) call integrate(plain, found)
       if (allocated(error)) return
-      call points_of(rule)
-      call sets_of(scene%cloud, at, area, side_of, nearest_points(scene%cloud%points, at), &
-         & within, error)
-      if (.not. allocated(error)) call integrate(size(rule%node)**(lattice%nd - 1), own)
-      if (allocated(error)) return
-      missed = missed .or. any(abs(exact - own) > of_traction*spread(maxval(abs(exact), dim=2), 2, &
-         & size(exact, 2)), dim=1)
+      missed = unpack(any(abs(exact - found) > of_traction*spread(maxval(abs(exact), dim=2), 2, &
+         & size(exact, 2)), dim=1), outer, .false.)
    end subroutine compare_tractions
 
    !> Forces on the faces
-   subroutine integrate(each, force)
-      !> Number of points of a face
-      integer, intent(in) :: each
+   subroutine integrate(rule, force)
+      type(face_rule), intent(in) :: rule
       !> Forces of all load factors at some times, shape (3 factors times, faces) [force]
       real(wp), allocatable, intent(out) :: force(:, :)
       real(wp), dimension(scene%programme%count(), 3) :: value, traction
       real(wp), allocatable :: time(:)
       logical :: fixed(3)
-      integer :: i, k
+      integer :: each, i, k
 
+      each = size(rule%share)
+      call points_of(rule)
+      call sets_of(scene%cloud, at, area, side_of, within, error)
+      if (allocated(error)) return
       time = [0.0_wp]
       ! times without a common period
       if (allocated(scene%motion)) time = scene%motion%end_time &
@@ -460,22 +475,6 @@ pure logical function any_varying(scene) result(any_)
    any_ = any([((scene%condition(c)%traction(i)%given(), i=1, scene%cloud%nd), &
       & c=1, size(scene%condition))])
 end function any_varying
-
-!> A rule on equal parts of the line from -1 to 1
-pure function composed(rule, parts) result(fine)
-   !> Rule on one part
-   type(rule_type), intent(in) :: rule
-   integer, intent(in) :: parts
-   type(rule_type) :: fine
-   integer :: k, n
-
-   n = size(rule%node)
-   allocate (fine%node(n*parts), fine%share(n*parts))
-   do k = 1, parts
-      fine%node(n*(k - 1) + 1:n*k) = (rule%node + 2*k - 1)/parts - 1.0_wp
-      fine%share(n*(k - 1) + 1:n*k) = rule%share/parts
-   end do
-end function composed
 
 !> Cut the cells of a box at planes
 pure subroutine cut_lattice(self, axis, plane)

@@ -7,12 +7,13 @@
 !> Reference: Chen, Wu, Yoon, You, Int. J. Numer. Meth. Engng 50 (2001),
 !>            doi:10.1002/1097-0207(20010120)50:2<435::AID-NME32>3.0.CO;2-A
 module rk_nodal_cells
+   use rk_borders, only : border_rule, face_rule, tensor_rule
    use rk_cells, only : cells_type
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type
    use rk_facets, only : close_cells, facets_type
    use rk_groups, only : groups_of, slots, threes
-   use rk_lattice, only : digits_of, lattice_frame, place_of, set_number
+   use rk_lattice, only : digits_of, lattice_frame, place_at, place_of, set_number
    use rk_precision, only : wp
    use rk_voxels, only : voxel_facets
    implicit none
@@ -20,8 +21,8 @@ module rk_nodal_cells
 
    public :: nodal_cells, lattice_index
 
-   !> Gauss points of an edge, from -1 to 1
-   real(wp), parameter :: gauss(2) = [-1.0_wp, 1.0_wp]/sqrt(3.0_wp)
+   !> Gauss points of a facet in each direction
+   integer, parameter :: gauss = 2
    !> Relative difference below which widths count as equal
    real(wp), parameter :: alike = 1.0e-6_wp
    !> Sets of a model whose points lie on its smooth surface; the others are planes
@@ -42,7 +43,8 @@ subroutine nodal_cells(self, cloud, error)
    integer :: is, lattice(3), at(3)
 
    if (allocated(cloud%lattice)) then
-      call lattice_facets(facets, cloud)
+      call lattice_facets(facets, cloud, error)
+      if (allocated(error)) return
       lattice = 1
       lattice(:cloud%nd) = cloud%lattice
       allocate (group(slots, size(cloud%source, 2)))
@@ -136,9 +138,13 @@ end function lattice_index
 
 !> Facets of a lattice, straight and half way between the source points; on the surface of a plane
 !> lattice they meet at the source points
-subroutine lattice_facets(facets, cloud)
+subroutine lattice_facets(facets, cloud, error)
    type(facets_type), intent(inout) :: facets
    type(cloud_type), intent(in) :: cloud
+   !> Error handling: a set's expression that is not finite
+   type(error_type), allocatable, intent(out) :: error
+   type(face_rule) :: plain, rule
+   logical :: cut
    real(wp) :: low(3), step(3)
    integer :: d, i, is, length, nd, o, p, end
    integer, dimension(cloud%nd) :: from, index, last, next, to
@@ -146,6 +152,7 @@ subroutine lattice_facets(facets, cloud)
    nd = cloud%nd
    call lattice_frame(cloud, low, step)
    last = 2*(cloud%lattice - 1)
+   plain = tensor_rule(1, gauss, nd)
    do is = 1, size(cloud%source, 2)
       index = digits_of(is - 1, cloud%lattice)
       do d = 1, nd
@@ -165,10 +172,13 @@ subroutine lattice_facets(facets, cloud)
                do i = from(o), to(o) - 1, length
                   from(o) = i
                   to(o) = i + length
-                  call add_facet(corner(from), corner(to), 0, set_number(cloud%polar, d, end))
+                  call border_rule(rule, cut, cloud, d, end, frame(from), frame(to), gauss, 1, &
+                     & error)
+                  if (allocated(error)) return
+                  call add_facet(rule, 0, set_number(cloud%polar, d, end))
                end do
             else if (end == 1) then
-               call add_facet(corner(from), corner(to), place_of(next, cloud%lattice), 0)
+               call add_facet(plain, place_of(next, cloud%lattice), 0)
             end if
          end do
       end do
@@ -176,22 +186,23 @@ subroutine lattice_facets(facets, cloud)
 
 contains
 
-   !> Position of a corner given in half spacings
-   pure function corner(at) result(x)
+   !> Coordinates of a corner given in half spacings
+   pure function frame(at) result(q)
       integer, intent(in) :: at(:)
-      real(wp) :: x(nd)
+      real(wp) :: q(nd)
 
-      x = low(:nd) + 0.5_wp*step(:nd)*at
-      if (cloud%polar) x = x(1)*[cos(x(2)), sin(x(2))]
-   end function corner
+      q = low(:nd) + 0.5_wp*step(:nd)*at
+   end function frame
 
-   !> Gauss points of a facet between two of its corners, two in each direction
-   subroutine add_facet(a, b, other, set)
-      real(wp), intent(in) :: a(:), b(:)
+   !> Points of the facet between two corners
+   subroutine add_facet(rule, other, set)
+      type(face_rule), intent(in) :: rule
       integer, intent(in) :: other, set
-      real(wp) :: area(nd), xi(nd)
+      real(wp) :: a(nd), area(nd), b(nd), xi(nd)
       integer :: k
 
+      a = place_at(cloud, frame(from))
+      b = place_at(cloud, frame(to))
       if (nd == 2) then
          ! a and b follow the other direction: orient the normal towards increasing d
          area = 0.5_wp*[b(2) - a(2), a(1) - b(1)]
@@ -200,10 +211,13 @@ contains
          area = 0.0_wp
          area(d) = 0.25_wp*(b(o) - a(o))*(b(p) - a(p))
       end if
-      do k = 0, 2**(nd - 1) - 1
-         xi = gauss(1 + modulo(k, 2))
-         if (nd == 3) xi(o) = gauss(1 + k/2)
-         call facets%add(0.5_wp*(a + b) + 0.5_wp*xi*(b - a), (2*end - 1)*area, is, other, set)
+      do k = 1, size(rule%share)
+         ! the facet is straight between its corners
+         if (nd == 2) xi = rule%xi(1, k)
+         if (nd == 3) xi([min(o, p), max(o, p)]) = rule%xi(:, k)
+         if (nd == 3) xi(d) = 0.0_wp
+         call facets%add(0.5_wp*(a + b) + 0.5_wp*xi*(b - a), &
+            & (2*end - 1)*rule%share(k)*area, is, other, set)
       end do
    end subroutine add_facet
 

@@ -4,7 +4,6 @@ module rk_surface_sets
    use rk_cloud, only : cloud_type
    use rk_error, only : error_type, fatal_error, err_input
    use rk_named_sets, only : sets_of
-   use rk_neighbours, only : nearest_points
    use rk_text, only : to_text
    implicit none
    private
@@ -30,8 +29,7 @@ subroutine find_surface_sets(self, cloud, error)
          if (self%entry(s) > 0) self%within(:, s) = cloud%within(:, self%entry(s))
       end do
    else
-      call sets_of(cloud, self%surface, self%outward, self%set, &
-         & nearest_points(cloud%points, self%surface), self%within, error)
+      call sets_of(cloud, self%surface, self%outward, self%set, self%within, error)
       if (allocated(error)) return
    end if
    do k = cloud%sides() + 1, size(cloud%set_names)

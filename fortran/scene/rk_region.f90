@@ -51,9 +51,10 @@ logical function holds(self, x, normal, side, label, error)
          holds = holds .and. (abs(value) > 0.0_wp .eqv. k == 1)
       end do
    end if
-   if (.not. self%where%given()) return
+   ! an expression need not be finite where the set cannot lie
+   if (.not. (holds .and. self%where%given())) return
    call self%where%at(x, value, error, normal=normal)
-   holds = holds .and. abs(value) > 0.0_wp
+   holds = abs(value) > 0.0_wp
 end function holds
 
 end module rk_region

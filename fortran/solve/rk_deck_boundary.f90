@@ -1,11 +1,12 @@
 !> From a checked deck to boundary sets that are parts of the surface, to conditions on sets, and to
 !> probes at points and on sets with their exact and reference values.
 module rk_deck_boundary
+   use rk_borders, only : adopt_nearest, extent_of
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_error, only : error_type
    use rk_lattice, only : outside_lattice
-   use rk_named_sets, only : add_set, extent_of
+   use rk_named_sets, only : add_set
    use rk_precision, only : pi, wp
    use rk_programme, only : programme_type, rotation_type
    use rk_region, only : region_type
@@ -198,9 +199,14 @@ subroutine read_sets(scene, deck, error)
       if (allocated(error)) return
       call add_set(scene%cloud, name, region, found, error)
       if (allocated(error)) return
+      ! Galerkin forms integrate over the set wherever it lies
+      if (.not. found .and. allocated(scene%cloud%lattice) .and. index(scene%method, 'rkpm') == 1) &
+         & call adopt_nearest(scene%cloud, size(scene%cloud%set_names), found, error)
+      if (allocated(error)) return
       deallocate (region)
       if (.not. found) call deck%complain(at, 'no place of the surface lies in it; coordinates ' &
-         & //'are those of the body at rest, and normals point out of it', error)
+         & //'are those of the body at rest, and normals point out of it; a set that lies ' &
+         & //'between points of the surface needs more of them', error)
    end do
 end subroutine read_sets
 

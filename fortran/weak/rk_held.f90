@@ -68,7 +68,7 @@ subroutine add_source_points(self, scene, error)
             & *merge(-1, 1, side_of(k) == 1)
       end do
       if (allocated(self%within)) then
-         call sets_of(cloud, x, outward, side_of, nearest_points(cloud%points, x), within, error)
+         call sets_of(cloud, x, outward, side_of, within, error)
          if (allocated(error)) return
          self%within = reshape([self%within, within], [size(within, 1), size(self%set) + n])
       end if

@@ -1,5 +1,6 @@
 !> Explanation of a deck: what it models and what that costs, before anything is computed.
 module rk_explain
+   use rk_borders, only : extent_of
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type, word_length
    use rk_deck_blocks, only : finer_directions
@@ -8,7 +9,6 @@ module rk_explain
    use rk_forecast, only : forecast_bars, forecast_solve
    use rk_lapack, only : syrk
    use rk_memory, only : available_bytes
-   use rk_named_sets, only : extent_of
    use rk_precision, only : wp
    use rk_scene, only : scene_type
    use rk_system, only : cpu_seconds

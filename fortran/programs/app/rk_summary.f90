@@ -2,6 +2,7 @@
 module rk_summary
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
    use rk_bars, only : another_form, bars_type, printed
+   use rk_borders, only : extent_of
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_discretisation, only : discretisation_type
@@ -10,7 +11,6 @@ module rk_summary
    use rk_exact, only : exact_value
    use rk_json, only : json_type
    use rk_json_entries, only : json_entry, read_entries
-   use rk_named_sets, only : extent_of
    use rk_output, only : output_type, step_record
    use rk_precision, only : wp
    use rk_probes, only : numbers_of
