@@ -130,7 +130,7 @@ module rk_scene
       type(reference_keys), allocatable :: reference(:)
    contains
       procedure :: steps => count_steps, factors, activation_at, common_activation
-      procedure :: has_own_activations, is_loaded, changes, shape_at, runs_out
+      procedure :: common_tissue, has_own_activations, is_loaded, changes, shape_at, runs_out
       procedure :: stiffest_ratio, has_kinks
    end type scene_type
 
@@ -172,25 +172,49 @@ elemental real(wp) function activation_at(self, tissue, load)
    end associate
 end function activation_at
 
-!> Activation at a load of muscles without their own activation [-]
+!> A tissue with the activation that all muscles have; 0 if they differ or there is none
+pure integer function common_tissue(self) result(common)
+   class(scene_type), intent(in) :: self
+   integer :: k
+
+   common = 0
+   if (.not. allocated(self%tissue)) return
+   do k = 1, size(self%tissue)
+      if (.not. self%tissue(k)%material%fibered) cycle
+      if (common == 0) then
+         common = k
+      else if (self%tissue(k)%amplitude /= self%tissue(common)%amplitude &
+         & .or. abs(self%tissue(k)%activation - self%tissue(common)%activation) > 0.0_wp) then
+         common = 0
+         return
+      end if
+   end do
+   ! an expression gives different activations to the points of one tissue
+   if (any([(self%tissue(k)%level%given(), k=1, size(self%tissue))])) common = 0
+end function common_tissue
+
+!> Activation at a load of all muscles, or of those without their own one [-]
 elemental real(wp) function common_activation(self, load)
    class(scene_type), intent(in) :: self
    real(wp), intent(in) :: load
+   integer :: k
 
-   common_activation = self%programme%value(self%load%amplitude, load)*self%load%activation
+   k = self%common_tissue()
+   if (k > 0) then
+      common_activation = self%activation_at(k, load)
+   else
+      common_activation = self%programme%value(self%load%amplitude, load)*self%load%activation
+   end if
 end function common_activation
 
-!> Whether some muscle has its own activation
+!> Whether muscles have different activations
 pure logical function has_own_activations(self) result(own)
    class(scene_type), intent(in) :: self
    integer :: k
 
    own = .false.
-   do k = 1, size(self%tissue)
-      if (.not. self%tissue(k)%material%fibered) cycle
-      own = own .or. self%tissue(k)%amplitude /= self%load%amplitude &
-         & .or. abs(self%tissue(k)%activation - self%load%activation) > 0.0_wp
-   end do
+   if (allocated(self%tissue)) own = self%common_tissue() == 0 &
+      & .and. any([(self%tissue(k)%material%fibered, k=1, size(self%tissue))])
 end function has_own_activations
 
 !> Whether a muscle is active or a condition acts at a load

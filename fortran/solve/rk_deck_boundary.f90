@@ -5,6 +5,7 @@ module rk_deck_boundary
    use rk_cloud, only : cloud_type
    use rk_deck, only : deck_type
    use rk_error, only : error_type
+   use rk_exact, only : has_solution
    use rk_lattice, only : outside_lattice
    use rk_named_sets, only : add_set
    use rk_precision, only : pi, wp
@@ -94,7 +95,7 @@ subroutine read_probes(scene, deck, error)
    character(len=:), allocatable :: at, body, name
    type(error_type), allocatable :: fault
    real(wp) :: area
-   integer :: k
+   integer :: i, k
 
    allocate (scene%probe(deck%count('probe')), scene%exact(deck%count('exact')), &
       & scene%reference(deck%count('reference')))
@@ -131,16 +132,27 @@ subroutine read_probes(scene, deck, error)
       end associate
    end do
    do k = 1, size(scene%exact)
-      call scene%exact(k)%read(deck, 'exact.'//to_text(k))
+      at = 'exact.'//to_text(k)
+      call scene%exact(k)%read(deck, at)
+      if (.not. has_solution(scene, scene%exact(k))) call deck%complain(at//'.solution', &
+         & scene%exact(k)%solution//' is homogeneous only if the fibers lie along x, y or z ' &
+         & //'everywhere, and with K = inf along the stretch: leave it out', error)
    end do
    do k = 1, size(scene%reference)
       at = 'reference.'//to_text(k)
       associate (reference => scene%reference(k))
          call reference%read(deck, at)
          if (size(reference%activation) == 0) cycle
-         if (scene%load%amplitude > 0) call deck%complain(at//'.activation', 'needs an ' &
-            & //'activation that grows with the load, not by load.amplitude: give load', error)
-         reference%load = reference%activation/max(scene%load%activation, tiny(1.0_wp))
+         i = scene%common_tissue()
+         if (i == 0) then
+            call deck%complain(at//'.activation', 'the muscles have different activations: give ' &
+               & //'load instead', error)
+         else if (scene%tissue(i)%amplitude > 0) then
+            call deck%complain(at//'.activation', 'needs an activation that grows with the ' &
+               & //'load, not by an amplitude: give load', error)
+         else
+            reference%load = reference%activation/max(scene%tissue(i)%activation, tiny(1.0_wp))
+         end if
       end associate
    end do
 end subroutine read_probes

@@ -22,6 +22,8 @@ module rk_verdict
    use rk_run, only : outcome_type
    use rk_states, only : field_state, point_state
    use rk_tensor, only : determinant
+   use rk_programme, only : plan_type
+   use rk_scene, only : scene_type
    use rk_text, only : to_text
    implicit none
    private
@@ -130,6 +132,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    off = 0.0_wp
    call warn_of_units(deck, outcome, receiver)
    call warn_of_unused(deck, outcome, receiver)
+   call warn_of_references(problem%scene, outcome, receiver)
    call warn_of_moduli(problem, outcome, receiver)
    if (allocated(outcome%ended)) then
       ! already given as a warning
@@ -263,6 +266,31 @@ contains
    end function among
 
 end subroutine warn_of_unused
+
+!> Warn of reference values that are compared with nothing, because no load step ends there
+subroutine warn_of_references(scene, outcome, receiver)
+   type(scene_type), intent(in) :: scene
+   type(outcome_type), intent(inout) :: outcome
+   class(recorder_type), intent(inout) :: receiver
+   !> Loads that differ by less are the same [-]
+   real(wp), parameter :: same = 1.0e-9_wp
+   type(plan_type) :: planned
+   real(wp), allocatable :: without(:)
+   integer :: i, k
+
+   if (size(scene%reference) == 0) return
+   planned = scene%programme%plan(scene%load%steps)
+   do k = 1, size(scene%reference)
+      associate (load => scene%reference(k)%load)
+         without = pack(load, [(minval(abs(planned%load - load(i))) > same, i=1, size(load))])
+      end associate
+      if (size(without) > 0) call outcome%warn('reference '//to_text(k)//' of probe ' &
+         & //scene%probe(scene%reference(k)%probe)%name//': its values at load ' &
+         & //to_text(without)//' are compared with nothing, because the load steps end at ' &
+         & //to_text(planned%load)//': change load.steps, or give an [[amplitude]] these times', &
+         & receiver)
+   end do
+end subroutine warn_of_references
 
 !> Warn of a bulk modulus with which Poisson's ratio is below -1/4, as with K in another unit
 subroutine warn_of_moduli(problem, outcome, receiver)

@@ -128,11 +128,24 @@ end subroutine explain_sets
 !> Load steps, and growth of the activation
 subroutine explain_load(scene)
    type(scene_type), intent(in) :: scene
+   character(len=:), allocatable :: activation
    integer :: k
 
+   k = scene%common_tissue()
+   activation = ', activation to '//to_text(scene%load%activation)
+   if (k > 0) activation = ', activation to '//to_text(scene%tissue(k)%activation)
+   if (scene%has_own_activations()) activation = ''
+   do k = 1, size(scene%tissue)
+      if (.not. (scene%tissue(k)%material%fibered .and. scene%has_own_activations())) cycle
+      if (scene%tissue(k)%level%given()) then
+         activation = activation//', activation of '//scene%tissue(k)%name//' by its expression'
+      else
+         activation = activation//', activation of '//scene%tissue(k)%name//' to ' &
+            & //to_text(scene%tissue(k)%activation)
+      end if
+   end do
    print '(a)', '  load          '//to_text(scene%steps()) &
-      & //trim(merge(' step ', ' steps', scene%steps() == 1))//', activation to ' &
-      & //to_text(scene%load%activation)
+      & //trim(merge(' step ', ' steps', scene%steps() == 1))//activation
    if (.not. allocated(scene%cloud%activation)) return
    do k = 1, size(scene%tissue)
       if (scene%tissue(k)%material%fibered .and. .not. scene%tissue(k)%level%given()) print '(a)', &

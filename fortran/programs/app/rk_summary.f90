@@ -1,5 +1,6 @@
 !> summary.json of a solve.
 module rk_summary
+   use, intrinsic :: ieee_arithmetic, only : ieee_quiet_nan, ieee_value
    use, intrinsic :: ieee_arithmetic, only : ieee_is_nan
    use rk_bars, only : another_form, bars_type, printed
    use rk_borders, only : extent_of
@@ -420,12 +421,20 @@ subroutine write_exact(json, problem, output)
          call json%put('solution', item%solution)
          call json%put('value', value)
          call json%put('reference', exact)
-         call json%put('relative_error', abs(value - exact)/max(abs(exact), tiny(1.0_wp)))
+         call json%put('relative_error', relative_error(value, exact))
          call json%end_object()
       end associate
    end do
    call json%end_object()
 end subroutine write_exact
+
+!> Distance from a reference, NaN (null in the summary) from one that is zero [-]
+elemental real(wp) function relative_error(value, reference)
+   real(wp), intent(in) :: value, reference
+
+   relative_error = ieee_value(value, ieee_quiet_nan)
+   if (abs(reference) > 0.0_wp) relative_error = abs(value - reference)/abs(reference)
+end function relative_error
 
 !> Reference values at the loads solved
 subroutine write_references(json, problem, output)
@@ -453,7 +462,7 @@ subroutine write_references(json, problem, output)
          call json%put('activation', problem%scene%common_activation(load))
          call json%put('value', value)
          call json%put('reference', reference)
-         call json%put('relative_error', abs(value - reference)/max(abs(reference), tiny(1.0_wp)))
+         call json%put('relative_error', relative_error(value, reference))
          call json%put('source', item%source)
          call json%end_object()
          deallocate (load, value, reference)

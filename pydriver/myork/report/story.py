@@ -58,11 +58,18 @@ def _asked(summary: Mapping[str, Any]) -> Iterator[str | Markup]:
         else:
             values = ", ".join(f"{key} = {plain(value)}" for key, value in given.items())
             moved.append(f"{where}: {values}")
-    activation = deck.get("load", {}).get("activation")
     loads = [f"fixed at {', '.join(held)}"] if held else []
     loads += moved
-    if isinstance(activation, int | float) and activation > 0:
-        loads.append(f"activation up to {fraction(activation)}")
+    common = deck.get("load", {}).get("activation")
+    own = {
+        str(entry.get("name", "?")): entry["activation"]
+        for entry in deck.get("material", [])
+        if isinstance(entry.get("activation"), int | float)
+    }
+    muscles = [entry for entry in deck.get("material", []) if entry.get("model") == "muscle"]
+    if isinstance(common, int | float) and common > 0 and (len(own) < len(muscles) or not own):
+        loads.append(f"activation up to {fraction(common)}")
+    loads += [f"activation of {name} up to {fraction(value)}" for name, value in own.items()]
     if loads:
         yield "; ".join(loads)
     wanted = [
