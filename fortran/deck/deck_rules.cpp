@@ -96,7 +96,7 @@ static void check_probes(Deck &deck) {
       if (whole && probe->find("point"))
          deck.refuse(*probe, "point", "cannot be given for " + quantity + ", a quantity of the whole body");
       if (linear && !force && probe->find("set"))
-         deck.refuse(*probe, "set", "a mean over a set is not known in a linear problem");
+         deck.refuse(*probe, "set", "the mean displacement of a set is not known in a linear problem: give a point");
       if (force && lacks_work)
          deck.refuse(*probe, "quantity",
                      quantity + " is not known by rkcm, whose virtual work has no sources and no "

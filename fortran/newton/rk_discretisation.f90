@@ -174,13 +174,22 @@ real(wp) function strain_energy(self, state, tissue) result(energy)
    !> Tissue whose part is wanted, 0 for all
    integer, intent(in) :: tissue
    type(point_state) :: local
+   real(wp) :: density, part, u(self%fields, self%shape%nq)
    integer :: ip
 
    energy = 0.0_wp
    do ip = 1, size(self%scene%cloud%points, 2)
       call self%at_point(state, ip, local)
-      energy = energy + self%scene%cloud%volume(ip)*self%mixture%energy(ip, local%f, state%load, &
-         & tissue, volumetric=.not. self%has_pressure())
+      density = self%mixture%energy(ip, local%f, state%load, tissue, &
+         & volumetric=.not. self%has_pressure())
+      if (self%has_pressure()) then
+         part = 1.0_wp
+         if (tissue > 0) part = self%mixture%part_of(ip, tissue)
+         call self%field(ip, state%x, 1, u)
+         ! zero where volume is preserved
+         density = density + 0.5_wp*part*u(self%scene%cloud%nd + 1, 1)**2/self%mixture%bulk(ip)
+      end if
+      energy = energy + self%scene%cloud%volume(ip)*density
    end do
 end function strain_energy
 

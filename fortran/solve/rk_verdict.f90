@@ -557,7 +557,8 @@ subroutine judge_gaps(self, cloud)
    call self%object(doubtful, to_text(100.0_wp*share, 2)//' % of the surface faces another part ' &
       & //'of the body across a gap narrower than 1.5 spacings of the source points, for example ' &
       & //'near '//to_text(place)//': the shape functions join the two parts; fill the gap with ' &
-      & //'a material, or use finer points (build.source_stride, geometry.blocks)')
+      & //'a material, or use finer points (build.source_stride, geometry.blocks) (doubtful above ' &
+      & //to_text(100.0_wp*least_gaps, 2)//' %)')
 end subroutine judge_gaps
 
 !> Places of output where the material has lost its ellipticity
@@ -730,7 +731,8 @@ subroutine judge_probes(self, problem, lower, most, widest, from, outcome)
             bar = maxval(bars%bars(:, i, last), mask=.not. ieee_is_nan(bars%bars(:, i, last)))
             if (found%state == accepted .and. bar > widest(i)) then
                call describe_rim(problem, i, rim)
-               call found%compare(bar/max(bars%read(i), tiny(1.0_wp)), [0.0_wp, huge(1.0_wp)], &
+               call found%compare(bar/max(bars%read(i), tiny(1.0_wp)), &
+                  & [widest(i)/max(bars%read(i), tiny(1.0_wp)), huge(1.0_wp)], &
                   & 'the error bar of probe '//problem%scene%probe(i)%name//' is # of the ' &
                   & //'largest probe of its kind'//rim, curable=len(rim) == 0)
             else if (bar > max(of_small*bars%kind(i), norm2(bars%values(:, i, last)))) then
@@ -823,12 +825,18 @@ subroutine compare(self, measure, bounds, what, curable)
    character(len=*), intent(in) :: what
    !> Whether finer points or another form would remove the reason
    logical, intent(in), optional :: curable
+   character(len=:), allocatable :: limit
    integer :: at
+   logical :: beyond
 
    if (measure <= bounds(1)) return
    at = index(what, '#')
-   call self%object(merge(refused, doubtful, measure > bounds(2) .or. ieee_is_nan(measure)), &
-      & what(:at - 1)//to_text(100.0_wp*measure, 2)//' %'//what(at + 1:))
+   beyond = measure > bounds(2) .or. ieee_is_nan(measure)
+   limit = ''
+   if (bounds(1) > 0.0_wp) limit = ' (doubtful above '//to_text(100.0_wp*bounds(1), 2)//' %)'
+   if (beyond) limit = ' (refused above '//to_text(100.0_wp*bounds(2), 2)//' %)'
+   call self%object(merge(refused, doubtful, beyond), &
+      & what(:at - 1)//to_text(100.0_wp*measure, 2)//' %'//what(at + 1:)//limit)
    if (present(curable)) self%curable = self%curable .or. curable
 end subroutine compare
 

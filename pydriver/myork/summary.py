@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import myork
-from myork.errors import FileError
+from myork.errors import FileError, InputError
 from myork.files import alone_in, read_json, write_json
 
 #: Entries of stations before a solve; others belong to a solution (`rk_summary` has the same)
@@ -22,13 +22,18 @@ WAITING = "summary.json.previous"
 def asked(folder: Path) -> Iterator[None]:
     """Record in the summary of a folder why a run ended before its solve wrote it.
 
+    Refused input does not replace the summary of a solution.
+
     - `folder`: output folder; left alone if another process has locked it
     """
     try:
         yield
     except BaseException as reason:
+        solved = isinstance(reason, InputError | FileError) and readable_summary(folder).get(
+            "steps"
+        )
         with suppress(FileError):
-            if folder.is_dir():
+            if folder.is_dir() and not solved:
                 with alone_in(folder):
                     _write_refusal(folder, str(reason) or type(reason).__name__)
         raise

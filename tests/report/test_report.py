@@ -25,7 +25,7 @@ from myork.report.figures import Series, probe_figure, rom_series
 from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
 from myork.report.sources import Deformation
-from myork.report.sweep_page import Column, trend_figure
+from myork.report.sweep_page import Column, SweepFolder, sweep_page, trend_figure
 from myork.report.tables import probe_table
 from myork.rom.study import run_rom
 from myork.stations.solve import run_deck
@@ -604,3 +604,19 @@ def test_damaged_sweeps_are_refused_by_name(swept: Path) -> None:
             make_report(swept)
     file.write_text(first + "\n")
     refuses("no point is finished", make_report, swept, kind=FileError)
+
+
+def test_bars_of_what_is_zero_by_symmetry(folder: Path) -> None:
+    """They are compared with the other probes of their unit."""
+    units = {"x": "N", "y": "N", "end": "cm"}
+    values, bars = {"x": 2.0, "y": 1e-16, "end": 0.5}, {"x": 0.02, "y": 0.01, "end": 0.01}
+    columns = [Column(name, unit, [values[name]], [bars[name]]) for name, unit in units.items()]
+    key = Column("load.activation", "", [0.1])
+    sweep = SweepFolder(folder, 1, [key], columns, ["accepted"], [""], [1.0], {})
+    told = " ".join(str(line) for answer in sweep_page(sweep).story for line in answer.lines)
+    assert "Error bars: at most 2.0 % of the largest value of their unit" in told
+    summary = json.loads((folder / "summary.json").read_text())
+    summary["steps"][-1] |= {"probes": values, "probe_errors": bars}
+    summary["probe_units"] = units
+    (folder / "summary.json").write_text(json.dumps(summary))
+    assert "Error bars: at most 5.0 % of the value (y)" in make_report(folder).read_text()

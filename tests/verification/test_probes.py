@@ -15,7 +15,19 @@ from numpy.testing import assert_allclose
 from myork import Results, Scene
 from myork.stations.solve import run_deck
 from myork.summary import printed
-from tests.scenes import PLANES, box, gripped, held, neo, probes, refused, scene, solved, tomllib
+from tests.scenes import (
+    MUSCLE,
+    PLANES,
+    box,
+    gripped,
+    held,
+    neo,
+    probes,
+    refused,
+    scene,
+    solved,
+    tomllib,
+)
 
 ABOUT = [0.3, 0.2, 0.1]
 PLACES = (0.05, 0.6, 1.0, 1.37, 1.98)
@@ -302,3 +314,66 @@ def test_the_pressure_is_that_of_all_of_k(points, bulk):
     assert found["s"] == pytest.approx(shear - 0.1 * bulk, rel=1e-6)
     assert found["force"] == pytest.approx(found["s"], rel=1e-6)
     assert abs(found["p"]) == pytest.approx(0.1 * bulk, rel=1e-6)
+
+
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-gauss", "rkpm-scni"])
+def test_the_energy_has_its_volumetric_part(method: str) -> None:
+    """Sides moved alike: the energy of a change of volume alone, K/2 (J-1)^2."""
+    sides = [{"set": f"{axis}1", f"u_{axis}": 0.1} for axis in "xyz"]
+    tables = scene(
+        method, box(4, 4, 4), material=[neo(1.0, 5.0)], boundary=[*PLANES, *sides],
+        load={"steps": 1}, probe=probes("all energy", "J J 0.5 0.5 0.5"),
+    )  # fmt: skip
+    found = solved(tables).last()
+    assert found["J"] == pytest.approx(1.1**3, rel=1e-6)
+    assert found["all"] == pytest.approx(0.5 * 5.0 * (1.1**3 - 1) ** 2, rel=1e-4)
+
+
+LATERAL = {"uniaxial": (1, 2), "equibiaxial": (2,)}
+
+
+@pytest.mark.parametrize(("fiber", "solution", "amount"), [
+    ([1, 0, 0], "uniaxial", 1.2), ([0, 1, 0], "uniaxial", 0.8), ([0, 1, 0], "equibiaxial", 1.1),
+])  # fmt: skip
+def test_exact_solutions_of_active_muscle(
+    fiber: list[int], solution: str, amount: float, tmp_path: Path
+) -> None:
+    """The sides are free of stress, also where fibers make their stretches different."""
+    moved = ["x1"] if solution == "uniaxial" else ["x1", "y1"]
+    names = ("xx", "yy", "zz")
+    tables = scene(
+        "rkpm-gauss", box(3, 3, 3), material=[{**MUSCLE, "fiber": fiber, "activation": 0.2}],
+        boundary=[*PLANES, *({"set": side, f"u_{side[0]}": amount - 1} for side in moved)],
+        load={"steps": 4},
+        probe=probes(*(f"{c} cauchy_{c} 0.5 0.5 0.5" for c in names), "J J 0.5 0.5 0.5"),
+        exact=[{"probe": p, "solution": solution, "amount": amount} for p in (*names, "J")],
+    )  # fmt: skip
+    exact = run_deck(tables, tmp_path, error=False)["exact"]
+    for k, name in enumerate((*names, "J")):
+        if k in LATERAL[solution]:
+            assert exact[name]["reference"] == 0 and exact[name]["relative_error"] is None
+        else:
+            assert exact[name]["relative_error"] < 1e-9
+    turned = scene(
+        "rkpm-gauss", box(3, 3, 3), material=[{**MUSCLE, "fiber_angle": 45.0}],
+        boundary=PLANES, probe=tables["probe"], exact=tables["exact"],
+    )  # fmt: skip
+    assert "is homogeneous only if the fibers lie along x, y or z" in refused(turned)
+
+
+def test_references_are_compared_at_loads_that_exist(tmp_path: Path) -> None:
+    """With the activation that the material really has."""
+    end, muscle = {"probe": "f", "source": "none"}, {**MUSCLE, "fiber": [0, 0, 1]}
+    tables = gripped(
+        "rkpm-gauss", box(3, 3, 3), {**muscle, "activation": 0.2}, "z0 z1", "f force_z z1",
+        load={"steps": 2, "activation": 0.4}, reference=[
+            {**end, "load": [0.3, 0.5], "value": [1.0, 1.0]},
+        ],
+    )  # fmt: skip
+    summary = run_deck(tables, tmp_path, error=False)
+    said = [text for text in summary["warnings"] if "reference 1 of probe f" in text]
+    assert len(said) == 1 and "load (0.3)" in said[0] and "end at (0.5, 1)" in said[0]
+    assert summary["reference"]["f"]["activation"] == pytest.approx([0.1])
+    tables["reference"] = [{**end, "activation": [0.1, 0.2], "value": [1.0, 0.0]}]
+    found = run_deck(tables, tmp_path, error=False)["reference"]["f"]
+    assert found["load"] == [0.5, 1.0] and found["relative_error"][1] is None

@@ -8,7 +8,8 @@ program main
    use rk_deck, only : deck_type, open_deck
    use rk_deck_scene, only : new_scene
    use rk_discretisation, only : discretisation_type
-   use rk_error, only : error_type, fatal_error, err_convergence, err_linalg, err_stopped
+   use rk_error, only : error_type, fatal_error, err_convergence, err_input, err_linalg, &
+      & err_stopped
    use rk_explain, only : explain
    use rk_journal, only : run_type
    use rk_model_file, only : read_model_cloud
@@ -21,7 +22,7 @@ program main
    use rk_resume, only : resume_points, resume_run, start_from
    use rk_run, only : outcome_type, solve_scene
    use rk_scene, only : scene_type
-   use rk_summary, only : earlier_entries, set_aside, write_refusal, write_summary
+   use rk_summary, only : earlier_entries, put_back, set_aside, write_refusal, write_summary
    use rk_system, only : catch_signals, cpu_seconds, lock_folder, make_folder, peak_bytes, &
       & prepare_process, process_number, tell
    use rk_text, only : to_text
@@ -46,6 +47,8 @@ program main
    logical :: found
    !> Whether the output folder is claimed, and whether its summary is that of this run
    logical :: claimed = .false., written = .false.
+   !> Whether the summary of an earlier solution is renamed
+   logical :: aside = .false.
    integer(i8) :: clock
 
    call system_clock(clock)
@@ -175,7 +178,7 @@ contains
       call lock_folder(config%out, error)
       call leave_on(error)
       call earlier_entries(config%out, earlier, damaged)
-      call set_aside(config%out, earlier, error)
+      call set_aside(config%out, earlier, aside, error)
       call leave_on(error)
       claimed = .true.
       call write_refusal(config%out, 'the run of process '//to_text(int(process_number())) &
@@ -187,12 +190,16 @@ contains
    subroutine leave_on(error)
       type(error_type), allocatable, intent(in) :: error
       type(error_type), allocatable :: unwritten
+      logical :: kept
       integer :: ignored
 
       if (.not. allocated(error)) return
       write (error_unit, '(a)', iostat=ignored) error%message
-      if (claimed .and. .not. written) call write_refusal(config%out, error%message, earlier, &
-         & unwritten)
+      kept = written .or. .not. claimed
+      ! a mistyped setting must not replace a result
+      if (.not. kept .and. error%code == err_input) call put_back(config%out, earlier, aside, &
+         & kept, unwritten)
+      if (.not. kept) call write_refusal(config%out, error%message, earlier, unwritten)
       if (any(error%code == [err_convergence, err_linalg, err_stopped])) stop 1, quiet=.true.
       stop 2, quiet=.true.
    end subroutine leave_on

@@ -25,7 +25,7 @@ module rk_summary
    implicit none
    private
 
-   public :: write_summary, write_refusal, set_aside, earlier_entries
+   public :: write_summary, write_refusal, set_aside, put_back, earlier_entries
 
    !> Entries of the stations before a solve, which stay valid for any solution; all others,
    !> including `rom`, describe one solution, and are dropped with it
@@ -53,7 +53,8 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
    type(json_entry), intent(in) :: earlier(:)
    type(error_type), allocatable, intent(out) :: error
    type(json_type) :: json
-   character(len=:), allocatable :: asked, unit
+   character(len=:), allocatable :: asked, kind, unit
+   integer :: k
 
    asked = deck%overrides
    if (allocated(refinement%asked)) asked = refinement%asked
@@ -108,7 +109,10 @@ subroutine write_summary(path, deck, output, outcome, verdict, refinement, shape
       call json%put('cpu_s', cpu_seconds())
       call json%put('memory_peak_bytes', peak_bytes())
       call json%put_lines('warnings', outcome%warnings)
-      call put_kept(json, earlier)
+      call deck%get('geometry.kind', kind)
+      ! the model of a folder is not the body of a deck with a box
+      call put_kept(json, pack(earlier, kind == 'model' &
+         & .or. [(earlier(k)%key /= 'model', k=1, size(earlier))]))
       call json%put_json('deck', deck%json)
       call json%end_object()
    end associate
@@ -141,13 +145,14 @@ end subroutine write_sets
 
 !> Rename the summary of a finished solution until a later run has finished, so that it is not taken
 !> for that of the current run
-subroutine set_aside(folder, earlier, error)
+subroutine set_aside(folder, earlier, finished, error)
    !> Folder, locked by this process
    character(len=*), intent(in) :: folder
    !> Entries of the summary in it
    type(json_entry), intent(in) :: earlier(:)
+   !> Whether it was renamed
+   logical, intent(out) :: finished
    type(error_type), allocatable, intent(out) :: error
-   logical :: finished
    integer :: k
 
    ! it may exist only under its other name
@@ -162,6 +167,35 @@ subroutine set_aside(folder, earlier, error)
    end do
    if (finished) call move_file(folder//'/summary.json', folder//'/summary.json.previous', error)
 end subroutine set_aside
+
+!> Put the summary of an earlier solution back after a request that was refused
+subroutine put_back(folder, earlier, aside, done, error)
+   !> Folder, locked by this process
+   character(len=*), intent(in) :: folder
+   !> Entries of the earlier summary
+   type(json_entry), intent(in) :: earlier(:)
+   !> Whether this run renamed it
+   logical, intent(in) :: aside
+   !> Whether there was a solution
+   logical, intent(out) :: done
+   type(error_type), allocatable, intent(out) :: error
+   type(json_type) :: json
+   integer :: k
+
+   done = any([(earlier(k)%key == 'steps' .and. verify(earlier(k)%value, '[] ') > 0, &
+      & k=1, size(earlier))])
+   if (.not. done) return
+   if (aside) then
+      call move_file(folder//'/summary.json.previous', folder//'/summary.json', error)
+      return
+   end if
+   call json%begin_object()
+   do k = 1, size(earlier)
+      call json%put_json(earlier(k)%key, earlier(k)%value)
+   end do
+   call json%end_object()
+   call json%save(folder//'/summary.json', error)
+end subroutine put_back
 
 !> Write a summary that states why a run has no solution
 subroutine write_refusal(folder, reason, earlier, error)

@@ -174,7 +174,7 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
     refined = summary.get("refine", {})
     if refined.get("met"):
         yield str(refined["reason"])
-    bars = list(_relative_bars(last))
+    bars = list(_relative_bars(last, summary.get("probe_units") or {}))
     if bars:
         worst, name = max(bars)
         yield Markup("Error bars: at most {} % of the value ({})").format(
@@ -194,13 +194,26 @@ def _trust(summary: Mapping[str, Any], deformation: Deformation | None) -> Itera
         )
 
 
-def _relative_bars(step: Mapping[str, Any]) -> Iterator[tuple[float, str]]:
-    """Error bars of a step relative to their values, with the name of the probe."""
+def _relative_bars(
+    step: Mapping[str, Any], units: Mapping[str, str]
+) -> Iterator[tuple[float, str]]:
+    """Error bars of a step relative to their values, with the name of the probe.
+
+    As in the solver, a value counts at least as a tenth of the largest one of its unit.
+    """
+    sizes = {name: _largest(value) for name, value in step.get("probes", {}).items()}
+    kinds: dict[str | None, float] = {}
+    for name, size in sizes.items():
+        kinds[units.get(name)] = max(kinds.get(units.get(name), 0.0), size)
     for name, error in step.get("probe_errors", {}).items():
-        value = step.get("probes", {}).get(name)
-        size, bar = (np.nanmax(np.abs(np.array(x, float)), initial=0.0) for x in (value, error))
-        if size > 0.0 and bar > 0.0:
-            yield float(bar / size), name
+        size = max(sizes.get(name, 0.0), 0.1 * kinds.get(units.get(name), 0.0))
+        if size > 0.0 and (bar := _largest(error)) > 0.0:
+            yield bar / size, name
+
+
+def _largest(value: Any) -> float:
+    """Largest magnitude among the components that are numbers."""
+    return float(np.nanmax(np.abs(np.array(value, float)), initial=0.0))
 
 
 def _data(summary: Mapping[str, Any]) -> Iterator[str | Markup]:

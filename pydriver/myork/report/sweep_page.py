@@ -208,14 +208,18 @@ def _story(sweep: SweepFolder) -> Iterator[Answer]:
     ]
     if sweep.left:
         lines.append(f"{sweep.left} points are not solved yet")
+    # a component that is zero by symmetry has the size of the others of its kind
+    sizes: dict[str, float] = {}
+    for probe in sweep.probes:
+        sizes[probe.unit] = max(sizes.get(probe.unit, 0.0), _largest(probe.values))
     bars = [
-        _largest(probe.errors) / _largest(probe.values)
+        _largest(probe.errors) / sizes[probe.unit]
         for probe in sweep.probes
-        if np.isfinite(probe.errors).any() and _largest(probe.values) > 0.0
+        if np.isfinite(probe.errors).any() and sizes[probe.unit] > 0.0
     ]
     if bars:
         lines.append(
-            Markup("Error bars: at most {} % of the largest value").format(
+            Markup("Error bars: at most {} % of the largest value of their unit").format(
                 number(100.0 * max(bars), 2)
             )
         )
