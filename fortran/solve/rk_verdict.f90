@@ -276,20 +276,27 @@ subroutine warn_of_references(scene, outcome, receiver)
    real(wp), parameter :: same = 1.0e-9_wp
    type(plan_type) :: planned
    real(wp), allocatable :: without(:)
+   character(len=:), allocatable :: names
    integer :: i, k
 
    if (size(scene%reference) == 0) return
    planned = scene%programme%plan(scene%load%steps)
+   allocate (without(0))
+   names = ''
    do k = 1, size(scene%reference)
-      associate (load => scene%reference(k)%load)
-         without = pack(load, [(minval(abs(planned%load - load(i))) > same, i=1, size(load))])
+      associate (load => scene%reference(k)%load, &
+         & name => scene%probe(scene%reference(k)%probe)%name)
+         do i = 1, size(load)
+            if (minval(abs(planned%load - load(i))) <= same) cycle
+            if (index(names//',', ' '//name//',') == 0) names = names//', '//name
+            if (all(abs(without - load(i)) > same)) without = [without, load(i)]
+         end do
       end associate
-      if (size(without) > 0) call outcome%warn('reference '//to_text(k)//' of probe ' &
-         & //scene%probe(scene%reference(k)%probe)%name//': its values at load ' &
-         & //to_text(without)//' are compared with nothing, because the load steps end at ' &
-         & //to_text(planned%load)//': change load.steps, or give an [[amplitude]] these times', &
-         & receiver)
    end do
+   if (size(without) > 0) call outcome%warn('reference of'//names(2:)//': the values at load ' &
+      & //to_text(without)//' are compared with nothing, because the load steps end at ' &
+      & //to_text(planned%load)//': change load.steps, or give an [[amplitude]] these times', &
+      & receiver)
 end subroutine warn_of_references
 
 !> Warn of a bulk modulus with which Poisson's ratio is below -1/4, as with K in another unit
@@ -555,10 +562,10 @@ subroutine judge_gaps(self, cloud)
    call find_gaps(cloud, share, place)
    if (share < least_gaps) return
    call self%object(doubtful, to_text(100.0_wp*share, 2)//' % of the surface faces another part ' &
-      & //'of the body across a gap narrower than 1.5 spacings of the source points, for example ' &
+      & //'of the body (doubtful above '//to_text(100.0_wp*least_gaps, 2)//' %) across a gap ' &
+      & //'narrower than 1.5 spacings of the source points, for example ' &
       & //'near '//to_text(place)//': the shape functions join the two parts; fill the gap with ' &
-      & //'a material, or use finer points (build.source_stride, geometry.blocks) (doubtful above ' &
-      & //to_text(100.0_wp*least_gaps, 2)//' %)')
+      & //'a material, or use finer points (build.source_stride, geometry.blocks)')
 end subroutine judge_gaps
 
 !> Places of output where the material has lost its ellipticity
@@ -836,7 +843,7 @@ subroutine compare(self, measure, bounds, what, curable)
    if (bounds(1) > 0.0_wp) limit = ' (doubtful above '//to_text(100.0_wp*bounds(1), 2)//' %)'
    if (beyond) limit = ' (refused above '//to_text(100.0_wp*bounds(2), 2)//' %)'
    call self%object(merge(refused, doubtful, beyond), &
-      & what(:at - 1)//to_text(100.0_wp*measure, 2)//' %'//what(at + 1:)//limit)
+      & what(:at - 1)//to_text(100.0_wp*measure, 2)//' %'//limit//what(at + 1:))
    if (present(curable)) self%curable = self%curable .or. curable
 end subroutine compare
 
