@@ -26,8 +26,8 @@ module rk_borders
    integer, parameter :: looks(3) = [1, 128, 24]
    !> The same for the extent of a set, on a whole side of the body
    integer, parameter :: looks_of_side(3) = [1, 1024, 96]
-   !> Lines of a face on which a border is found, in parts of the face, between which a curved
-   !> border is taken to be smooth
+   !> Parts of a face in each direction, in which a border that does not follow its directions is
+   !> taken to be smooth
    integer, parameter :: strips = 12, strips_of_side = 48
    !> Accuracy of a border; the outermost places lie as far inside, so that a border on the edge of
    !> a face does not cut it [-]
@@ -35,9 +35,9 @@ module rk_borders
 
 contains
 
-!> Rule on a face of a lattice that ends where a border of sets cuts it: exact for straight borders.
-!> On each line of points in the last direction the borders are found; lines end, in the first
-!> direction of a face in space, where the number or order of the sets that they meet changes
+!> Rule on a face of a lattice with parts that end where a border of sets cuts it: exact for
+!> straight borders. On each line of points in the last direction the borders are found; in the
+!> first direction of a face in space, parts end where the order of the sets on the lines changes
 subroutine border_rule(rule, cut, cloud, axis, end, low, high, points, parts, error, side)
    type(face_rule), intent(out) :: rule
    !> Whether there is a border
@@ -57,11 +57,14 @@ subroutine border_rule(rule, cut, cloud, axis, end, low, high, points, parts, er
    !> Sets along a line, without those that follow equal ones
    type :: sequence_type
       logical, allocatable :: of(:, :)
+      !> Places from which they differ from the one before
+      logical, allocatable :: starts(:)
    end type sequence_type
    type(sequence_type) :: sequence
    type(sequence_type), allocatable :: found(:)
-   real(wp), allocatable :: at(:), across(:), along(:), v(:), weight(:), u(:), share(:)
+   real(wp), allocatable :: at(:), across(:), along(:), inner(:), v(:), weight(:), u(:), share(:)
    integer :: i, k, lines, n, nd
+   logical :: straight
 
    nd = size(low)
    n = looks(nd)
@@ -82,8 +85,13 @@ subroutine border_rule(rule, cut, cloud, axis, end, low, high, points, parts, er
          call look_along(at(k), found(k))
          if (allocated(error)) return
       end do
+      straight = .true.
       do k = 2, size(at)
-         if (.not. same(found(k - 1), found(k))) call add_change(at(k - 1), at(k), found(k - 1))
+         if (same(found(k - 1), found(k))) then
+            straight = straight .and. all(found(k - 1)%starts .eqv. found(k)%starts)
+            cycle
+         end if
+         call add_change(at(k - 1), at(k), found(k - 1))
          if (allocated(error)) return
       end do
       cut = size(across) > 0 .or. size(found(1)%of, 2) > 1
@@ -96,14 +104,23 @@ subroutine border_rule(rule, cut, cloud, axis, end, low, high, points, parts, er
       rule = tensor_rule(parts, points, nd)
       return
    end if
+   inner = even(parts)
    v = [0.0_wp]
    weight = [1.0_wp]
-   if (nd == 3) call line_rule([even(max(lines, parts)), across], points, v, weight)
+   if (nd == 3) then
+      ! where a curved border ends, its length on the lines changes like a square root; as many
+      ! parts in both directions make the rule independent of their order
+      if (.not. straight) then
+         inner = even(max(lines, parts))
+         across = [across, ([across - 2.0_wp/lines/4**k, across + 2.0_wp/lines/4**k], k=1, 3)]
+      end if
+      call line_rule([inner, across], points, v, weight)
+   end if
    allocate (rule%xi(nd - 1, 0), rule%share(0))
    do i = 1, size(v)
       call look_along(v(i), sequence, along)
       if (allocated(error)) return
-      call line_rule([even(parts), along], points, u, share)
+      call line_rule([inner, along], points, u, share)
       rule%share = [rule%share, weight(i)*share]
       rule%xi = reshape([rule%xi, reshape([(pack([v(i), u(k)], [nd == 3, .true.]), &
          & k=1, size(u))], [nd - 1, size(u)])], [nd - 1, size(rule%share)])
@@ -126,6 +143,7 @@ contains
       if (allocated(error)) return
       keep = [.true., (any(within(:, k) .neqv. within(:, k - 1)), k=2, size(at))]
       sequence%of = within(:, pack([(k, k=1, size(at))], keep))
+      sequence%starts = keep
       if (.not. present(border)) return
       allocate (border(0))
       do k = 2, size(at)
@@ -244,7 +262,7 @@ end function even
 
 !> Gauss points on the parts of the line from -1 to 1
 pure subroutine line_rule(bound, points, node, share)
-   !> Ends of the parts, in any order
+   !> Ends of the parts, in any order; those outside of the line are moved to its ends
    real(wp), intent(in) :: bound(:)
    !> Number of points of a part
    integer, intent(in) :: points
@@ -256,7 +274,7 @@ pure subroutine line_rule(bound, points, node, share)
 
    call gauss_rule(x, w)
    call sort(bound, place)
-   ascending(place) = bound
+   ascending(place) = min(max(bound, -1.0_wp), 1.0_wp)
    allocate (node(0), share(0))
    do k = 2, size(bound)
       associate (a => ascending(k - 1), b => ascending(k))

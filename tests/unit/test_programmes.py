@@ -137,10 +137,14 @@ def test_summary_tells_activations_where_they_differ(tmp_path: Path) -> None:
     deck["material"][0] |= {"activation": 0.1, "amplitude": "pull"}
     summary = run_deck(deck, tmp_path, error=False)
     assert [step["load"] for step in summary["steps"]] == [0.4, 0.7, 1.0]
-    assert [step["activations"]["muscle"] for step in summary["steps"]] == [0.1, 0.1, 0.05]
-    assert [step["activation"] for step in summary["steps"]] == pytest.approx([0.08, 0.14, 0.2])
-    del deck["material"][0]["amplitude"], deck["material"][0]["activation"]
-    assert "activations" not in run_deck(deck, tmp_path, error=False)["steps"][0]
+    # what the only muscle gets, not load.activation
+    assert [step["activation"] for step in summary["steps"]] == pytest.approx([0.1, 0.1, 0.05])
+    assert "activations" not in summary["steps"][0]
+    other = {**deck["material"][0], "name": "other", "where": "x > 0.5", "activation": 0.4}
+    deck["material"].append({key: value for key, value in other.items() if key != "amplitude"})
+    steps = run_deck(deck, tmp_path, error=False)["steps"]
+    assert [step["activations"]["muscle"] for step in steps] == pytest.approx([0.1, 0.1, 0.05])
+    assert [step["activations"]["other"] for step in steps] == pytest.approx([0.16, 0.28, 0.4])
 
 
 #: Numbers of a muscle as a whole
