@@ -96,7 +96,7 @@ FAILURES = {
 @pytest.mark.parametrize("name", FAILURES)
 def test_the_summary_is_that_of_the_last_run(deck: Path, good: Path, name: str) -> None:
     """Refused input is no run: it leaves the folder as it was."""
-    found = {"labels": {"rubber": 4.0}}
+    found = {"overrides": ["image.mu=0.1"]}
     update_summary(good, {"segmentation": found, "model": {"volume": {"rubber": 4.0}}})
     kept, before = (good / "summary.json").read_bytes(), files_of(good)
     settings, status, message = FAILURES[name]
