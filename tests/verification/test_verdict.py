@@ -311,6 +311,24 @@ def test_bars_contain_the_error_of_a_border_between_points(border: float) -> Non
     assert bars[1] < 0.1 * abs(truth)
 
 
+def test_bars_contain_the_error_at_the_end_of_a_load_on_a_ring() -> None:
+    """Displacements converge like the spacing there; bars were a tenth to a half of the errors."""
+    found = [
+        solved(scene(
+            "rkpm-gauss", scenes.annulus(n + 1, 2 * n + 1, radii=(1, 3)), material=[neo(10, 40)],
+            set=[{"name": "part", "side": "outer", "where": "y < x"}],
+            boundary=[*scenes.PLANES[:2], {"set": "part", "traction": [0.3, 0.2]}],
+            probe=probes(f"x u_x {3 * 0.5**0.5} {3 * 0.5**0.5}",
+                         f"y u_y {3 * 0.5**0.5} {3 * 0.5**0.5}"),
+        ))[1]
+        for n in (8, 16, 40)
+    ]  # fmt: skip
+    for answer in found[:2]:
+        for name, truth in found[2].last().items():
+            assert abs(answer.last()[name] - truth) < answer.bar(name)
+            assert answer.bar(name) < 0.05
+
+
 def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
     """A disc 20 times as stiff as the stretched material around it: neo-Hookean materials keep
     their ellipticity, many thin layers of them do not. Truths of quadratic finite elements.
