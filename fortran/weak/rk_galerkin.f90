@@ -272,7 +272,7 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    nd = self%scene%cloud%nd
    np = size(self%cells%weight)
    if (present(place)) then
-      place = reshape([self%cells%point, self%cells%surface], [nd, np + size(self%cells%set)])
+      place = reshape([self%cells%point, self%cells%place], [nd, np + size(self%cells%set)])
       return
    end if
    ! nothing is prescribed between points

@@ -110,7 +110,7 @@ function moments(cells, surface, side, ns) result(moment)
    do s = 1, size(cells%set)
       if (cells%set(s) /= side) cycle
       call surface%shape%row(s, nodes, values)
-      associate (x => cells%surface(:, s))
+      associate (x => cells%place(:, s))
          do k = 1, size(nodes)
             moment(:, nodes(k)) = moment(:, nodes(k)) + surface%area(s)*values(1, k) &
                & *[1.0_wp, x(1), x(2), x(1)**2, x(1)*x(2), x(2)**2]

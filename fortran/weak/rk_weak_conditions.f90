@@ -432,7 +432,7 @@ function set_force(self, cells, set, state, value, traction, about, motion) resu
       end if
       if (present(about)) then
          arm = u - about
-         arm(:nd) = arm(:nd) + cells%surface(:, s)
+         arm(:nd) = arm(:nd) + cells%place(:, s)
          own = force + vector_product(arm, own)
       else if (present(motion)) then
          call self%shape%row(s, nodes, values)

@@ -6,6 +6,7 @@ on two threads: test_interrupts.py.
 """
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -64,7 +65,9 @@ def test_patch(open_scene, name, essential):
     # squares have the condition of their rows.
     method, geometry, approximation = PATCHES[name]
     nd = len(geometry.get("source", "xyz"))
-    sides = SIDES[: 2 * nd] if geometry else ["surface", "bottom", "top"]
+    # of other names than "surface", on which displacements act at the voxels' faces, not beside them
+    stairs = replace(scenes.staircase(), set_names=("bottom", "top", "stairs"))
+    sides = SIDES[: 2 * nd] if geometry else list(stairs.set_names)
     if "inner_radius" in geometry:
         sides = ["inner", "outer", "x0", "y0"]
     tables = scene(
@@ -73,7 +76,7 @@ def test_patch(open_scene, name, essential):
         boundary=[held(side, nd) for side in sides], solver={"tolerance": 1e-10},
         galerkin={"essential": essential} if method not in STRONG else {},
     )  # fmt: skip
-    opened = open_scene(tables, cloud=None if geometry else scenes.staircase())
+    opened = open_scene(tables, cloud=None if geometry else stairs)
     x = opened.field_points()
     u = np.zeros((len(x), 3))
     u[:, :nd] = x @ SLOPE[:nd, :nd].T
