@@ -51,8 +51,8 @@ module rk_cells
       !> Points of the surface, shape (nd, ms) [length]
       real(wp), allocatable :: surface(:, :)
       !> Places where conditions act, shape (nd, ms) [length]: those of the surface, in a model the
-      !> nearest ones of its smooth surface. Values prescribed on the steps between voxels would hold
-      !> the body at their edges, a quarter to half of a voxel inside
+      !> nearest ones of its smooth surface. Values prescribed on the steps between voxels would
+      !> hold the body at their edges, a quarter to half of a voxel inside
       real(wp), allocatable :: place(:, :)
       !> Outward normal times area, shape (nd, ms) [length^(nd-1)]
       real(wp), allocatable :: outward(:, :)

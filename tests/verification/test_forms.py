@@ -65,7 +65,7 @@ def test_patch(open_scene, name, essential):
     # squares have the condition of their rows.
     method, geometry, approximation = PATCHES[name]
     nd = len(geometry.get("source", "xyz"))
-    # of other names than "surface", on which displacements act at the voxels' faces, not beside them
+    # not "surface", on which displacements act at the smooth surface beside the voxels' faces
     stairs = replace(scenes.staircase(), set_names=("bottom", "top", "stairs"))
     sides = SIDES[: 2 * nd] if geometry else list(stairs.set_names)
     if "inner_radius" in geometry:
