@@ -25,8 +25,6 @@ module rk_nodal_cells
    integer, parameter :: gauss = 2
    !> Relative difference below which widths count as equal
    real(wp), parameter :: alike = 1.0e-6_wp
-   !> Sets of a model whose points lie on its smooth surface; the others are planes
-   character(len=*), parameter :: walls(2) = [character(len=7) :: 'surface', 'bone']
 
 contains
 
@@ -72,7 +70,7 @@ subroutine find_places(self, cloud)
    self%place = self%surface
    do s = 1, size(self%entry)
       if (self%entry(s) == 0) cycle
-      if (all(cloud%set_names(self%set(s)) /= walls)) cycle
+      if (.not. cloud%is_wall(self%set(s))) cycle
       associate (normal => cloud%normal(:, self%entry(s)), &
          & on => cloud%points(:, cloud%boundary_point(self%entry(s))))
          self%place(:, s) = self%place(:, s) + dot_product(on - self%surface(:, s), normal)*normal

@@ -103,7 +103,7 @@ module rk_cloud
       !> The directions are radius and angle
       logical :: polar = .false.
    contains
-      procedure :: find_set, in_set, sides, meets_side, mean_spacing
+      procedure :: find_set, in_set, is_wall, sides, meets_side, mean_spacing
       procedure :: centres, is_outside, labels, nearest_sources, nearest_source
    end type cloud_type
 
@@ -143,6 +143,14 @@ elemental logical function in_set(self, e, set)
       in_set = self%boundary_set(e) == set
    end if
 end function in_set
+
+!> Whether the points of a set of a model lie on its smooth surface; the others are planes
+elemental logical function is_wall(self, set)
+   class(cloud_type), intent(in) :: self
+   integer, intent(in) :: set
+
+   is_wall = any(self%set_names(set) == ['surface', 'bone   '])
+end function is_wall
 
 !> Number of sides, whose sets come first
 pure integer function sides(self)

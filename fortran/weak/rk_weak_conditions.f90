@@ -2,6 +2,7 @@
 !> forces of both and of loads inside, and forces through boundary sets.
 module rk_weak_conditions
    use rk_cells, only : cells_type
+   use rk_cloud, only : cloud_type
    use rk_conditions, only : conditions_at
    use rk_csr, only : csr_type
    use rk_error, only : error_type
@@ -225,13 +226,7 @@ subroutine set_penalty(self, scene, cells, shear)
    allocate (self%penalty(size(cells%set)))
    self%area = cells%part*norm2(cells%outward, dim=1)
    self%bearing = self%area
-   if (allocated(cells%entry)) then
-      do s = 1, size(self%bearing)
-         if (cells%entry(s) > 0) self%bearing(s) = self%area(s)*max(0.0_wp, &
-            & dot_product(cells%outward(:, s), scene%cloud%normal(:, cells%entry(s))) &
-            & /norm2(cells%outward(:, s)))
-      end do
-   end if
+   if (allocated(cells%entry)) call set_bearing(self, scene%cloud, cells)
    exactly = scene%galerkin%essential == 'transformation'
    near = nearest_points(scene%cloud%source, cells%surface)
    do s = 1, size(cells%set)
@@ -249,6 +244,48 @@ subroutine set_penalty(self, scene, cells, shear)
    if (allocated(cells%face)) call relax_borders(self, cells, &
       & scene%galerkin%penalty, allocated(scene%equation%problem))
 end subroutine set_penalty
+
+!> Area of the smooth surface behind each facet of a model: that projected along the normal of its
+!> voxel, in all the area that the model has for the facets of the voxel, by the normals in their
+!> middles; not where a side, of whole faces, has some of them
+subroutine set_bearing(self, cloud, cells)
+   class(surface_type), intent(inout) :: self
+   type(cloud_type), intent(in) :: cloud
+   type(cells_type), intent(in) :: cells
+   real(wp), dimension(size(cloud%points, 2)) :: known, found
+   logical :: wall(size(cloud%set_names)), plane(size(cloud%points, 2))
+   integer :: e, s
+
+   wall = cloud%is_wall([(e, e=1, size(wall))])
+   known = 0.0_wp
+   found = 0.0_wp
+   plane = .false.
+   do e = 1, size(cloud%area)
+      associate (voxel => cloud%boundary_point(e))
+         if (wall(cloud%boundary_set(e))) known(voxel) = known(voxel) + cloud%area(e)
+      end associate
+   end do
+   do s = 1, size(self%bearing)
+      e = cells%entry(s)
+      if (e == 0) cycle
+      self%bearing(s) = self%area(s)*max(0.0_wp, dot_product(cells%outward(:, s), &
+         & cloud%normal(:, e))/norm2(cells%outward(:, s)))
+      associate (voxel => cloud%boundary_point(e))
+         if (wall(cells%set(s))) then
+            found(voxel) = found(voxel) + self%bearing(s)
+         else if (abs(cloud%normal(3, e)) < 1.0_wp) then
+            plane(voxel) = .true.
+         end if
+      end associate
+   end do
+   do s = 1, size(self%bearing)
+      if (cells%entry(s) == 0 .or. .not. wall(cells%set(s))) cycle
+      associate (voxel => cloud%boundary_point(cells%entry(s)))
+         if (found(voxel) > 0.0_wp .and. .not. plane(voxel)) &
+            & self%bearing(s) = self%bearing(s)*known(voxel)/found(voxel)
+      end associate
+   end do
+end subroutine set_bearing
 
 !> Lower the penalty on faces of Gauss cells that the border of a held part of a side cuts.
 !> Displacements are singular there, and smooth functions that are held up to the border are held

@@ -250,7 +250,7 @@ def test_bone_holds_muscle_at_its_surface(voxel, stride) -> None:
     truth = PULL * SKIN / MU * np.log(1.8 / BONE)
     found = on_bone(voxel, stride, traction=[0.0, 0.0, PULL])
     assert found.states.verdict == "accepted"
-    assert abs(found.last()["u"] - truth) < min(found.bar("u"), 0.015 * truth)
+    assert abs(found.last()["u"] - truth) < min(found.bar("u"), 0.03 * truth)
 
 
 # ---- decks of inputs/ against stored answers -----------------------------------------------------

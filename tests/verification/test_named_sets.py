@@ -278,7 +278,7 @@ def test_a_plane_map_has_as_many_sets_as_asked() -> None:
     )  # fmt: skip
     found = last(tables, cloud)[:, 0]
     # normals are those of a smooth surface: edges are round, and corner voxels have two faces
-    assert found[0] == pytest.approx(PULL * 0.8 * 0.1, rel=0.07)
+    assert found[0] == pytest.approx(PULL * 0.8 * 0.1, rel=0.1)
     assert found[1] == pytest.approx(found[0] / 0.08 * 2.4 / E, rel=0.05)
 
 

@@ -38,7 +38,7 @@ class Boundary:
     point: Index  #: Index of the voxel in the list of body voxels, shape `(nboundary,)`
     set: Index  #: Index into `names`, shape `(nboundary,)`
     normal: F64  #: Outward unit normals, shape `(nboundary, 3)` [-]
-    area: F64  #: Facet area projected on the plane normal to it, shape `(nboundary,)` [mm^2]
+    area: F64  #: Facet areas projected along the surface's normals, shape `(nboundary,)` [mm^2]
 
 
 def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
@@ -65,13 +65,15 @@ def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
     bone = _facet_areas(body, around == BONE, spacing)
     both = free + bone
     at_wall = body & (both.sum(axis=(-1, -2)) > 0)
-    normal = np.zeros((*body.shape, 3))
-    normal[at_wall] = _wall_normals(body, spacing, np.argwhere(at_wall), both[at_wall])
+    normal, cosine = np.zeros((*body.shape, 3)), np.zeros((*body.shape, 3, 2))
+    normal[at_wall], cosine[at_wall] = _wall_normals(
+        body, spacing, np.argwhere(at_wall), both[at_wall]
+    )
     parts = []
     for name, facets in (("bone", bone), ("surface", free)):
         here = body & (facets.sum(axis=(-1, -2)) > 0)
         if here.any() or name == "surface":
-            area = _projected(facets[here], normal[here])
+            area = (facets[here] * cosine[here]).sum(axis=(-1, -2))
             # A facet of one set may face away from the mean normal of both sets.
             away = area <= 0
             area[away] = facets[here][away].sum(axis=(-1, -2))
@@ -91,16 +93,28 @@ def boundary_sets(labels: Labels, around: I32 | None = None) -> Boundary:
     )
 
 
-def _wall_normals(body: Mask, spacing: F64, voxels: Index, facets: F64) -> F64:
-    """Outward normals at wall voxels, from their facets where the level set gives none."""
-    normal = surface_normals(body, spacing, voxels)
+def _wall_normals(body: Mask, spacing: F64, voxels: Index, facets: F64) -> tuple[F64, F64]:
+    """Outward normals at wall voxels, from their facets where the level set gives none.
+
+    Also the cosines of the angles between facets and the normals in their middles, shape
+    `(n, 3, 2)`: with the normal in the middle of the voxel, half a voxel inside, the area of a hole
+    of 8 voxels across is 5 % too large.
+    """
+    at, axis, side = np.nonzero(facets)
+    middles = voxels[at] + (side - 0.5)[:, np.newaxis] * np.eye(3)[axis]
+    found = surface_normals(body, spacing, np.concatenate([voxels, middles]))
+    normal, beside = found[: len(voxels)], found[len(voxels) :]
+    cosine = np.zeros_like(facets)
+    cosine[at, axis, side] = (2 * side - 1) * beside[np.arange(len(at)), axis]
     # In a sheet one voxel thick the distance has no slope across it; there the facets decide, the
     # upper ones if both sides are equal.
-    lost = _projected(facets, normal) <= 0
+    along = np.stack([-normal, normal], axis=-1)
+    lost = (facets * along.clip(0)).sum(axis=(-1, -2)) <= 0
     sides = facets[lost, :, 1] - facets[lost, :, 0]
     sides = np.where(sides.any(axis=1, keepdims=True), sides, facets[lost, :, 1])
     normal[lost] = sides / np.linalg.norm(sides, axis=1, keepdims=True)
-    return normal
+    cosine[lost] = np.stack([-normal[lost], normal[lost]], axis=-1)
+    return normal, cosine.clip(0)
 
 
 def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
@@ -124,13 +138,6 @@ def bone_beside(labels: Labels, merged: Labels, block: Sequence[int]) -> I32:
     around = np.where(2 * block_sums(bone, size) > size.prod(), BONE, 0).astype(np.int32)
     around[1:-1, 1:-1] = merged.data
     return around
-
-
-def _projected(areas: F64, normal: F64) -> F64:
-    """Facet areas, shape `(n, 3, 2)`, projected along normals they face, shape `(n,)` [mm^2]."""
-    upper = np.maximum(areas[:, :, 1] * normal, 0.0)
-    lower = np.maximum(-areas[:, :, 0] * normal, 0.0)
-    return (upper + lower).sum(axis=1)
 
 
 def _facet_areas(body: Mask, beyond: Mask, spacing: F64) -> F64:

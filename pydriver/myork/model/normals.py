@@ -16,8 +16,8 @@ _SMOOTHING = 2.5
 _LAYERS = 10
 
 
-def surface_normals(body: Mask, spacing: F64, voxels: Index) -> F64:
-    """Outward unit normals at voxels of the lateral surface.
+def surface_normals(body: Mask, spacing: F64, voxels: Index | F64) -> F64:
+    """Outward unit normals at the lateral surface.
 
     The body is assumed to continue beyond its first and last slice.
 
@@ -28,22 +28,24 @@ def surface_normals(body: Mask, spacing: F64, voxels: Index) -> F64:
 
     - `body`: voxels of the body, shape `(ni, nj, nk)`
     - `spacing`: voxel size, shape `(3,)` [length]
-    - `voxels`: where, shape `(n, 3)`
+    - `voxels`: where, shape `(n, 3)`: voxels, or places between their middles [voxel]
     - returns shape `(n, 3)` [-]; zeros where phi has no gradient (in the middle of a sheet one
       voxel thick)
     """
     pad = np.array([_LAYERS, _LAYERS, 0])
     whole = np.pad(body, [(n, n) for n in pad])
     whole = np.pad(whole, [(0, 0), (0, 0), (_LAYERS, _LAYERS)], mode="edge")
-    at = voxels + _LAYERS
     metric = _round_metric(body, spacing)
     inside, outside = (
         ndimage.distance_transform_edt(part, sampling=metric) for part in (whole, ~whole)
     )
     phi = inside - outside
     phi = ndimage.gaussian_filter(phi, _SMOOTHING / np.sqrt(metric), truncate=3.0)
-    gradient = np.stack(np.gradient(phi, *spacing), axis=-1)
-    normal = -gradient[at[:, 0], at[:, 1], at[:, 2]]
+    at = (voxels + _LAYERS).T
+    normal = -np.stack(
+        [ndimage.map_coordinates(slope, at, order=1) for slope in np.gradient(phi, *spacing)],
+        axis=-1,
+    )
     length = np.linalg.norm(normal, axis=1, keepdims=True)
     return np.where(length > 1e-6, normal / np.maximum(length, 1e-6), 0.0)
 
