@@ -268,8 +268,10 @@ subroutine solve_beside(self, answer, words)
          ratio = 0.75_wp
       end do
       if (.not. allocated(error)) call look(self, second, keeper%run, answer, error)
-      ! one step may be too long, or lead to another branch
-      steps = max(least_steps, answer%problem%scene%load%steps)
+      ! one step may be too long, or lead to another branch. Steps are divided, so that a programme
+      ! still has the states that are compared
+      steps = scene%load%steps
+      steps = steps*((max(least_steps, answer%problem%scene%load%steps) + steps - 1)/steps)
       if ((allocated(error) .or. self%distance > suspect) .and. scene%load%steps < steps .and. &
          & .not. (second%linear .or. answer%receiver%stopped())) then
          scene%load%steps = steps

@@ -87,6 +87,20 @@ def test_the_ramp_is_an_amplitude_like_others() -> None:
     np.testing.assert_array_equal(solved(zero)[1], solved(with_amplitude())[1])
 
 
+def test_states_of_a_programme_are_compared_at_their_own_loads() -> None:
+    """Also where the second solution needs more steps than the answer, since one left the branch."""
+    flat = gripped(
+        "auto", box(7, 7, 7, size=[2, 2, 0.6]), scenes.neo(10, 500), "z0 z1", "pull force_z z1",
+        u_z=0.35, amplitude=[RAMP], load={"steps": 3},
+    )  # fmt: skip
+    flat["boundary"][1]["amplitude"] = "pull"
+    with Scene.from_tables(flat) as opened:
+        states = opened.solve()
+    assert states.verdict == "accepted"
+    bars = states.probe_errors[:, 0, 0]
+    assert 0 < bars[0] < bars[1] < bars[2] < 2
+
+
 def test_a_programme_that_ends_at_rest_is_judged_by_its_way(tmp_path: Path) -> None:
     deck = block(material=[{"name": "rubber", "model": "neo-hookean", "mu": 1.0, "K": 20.0}])
     deck["geometry"] |= {"source": [4] * 3, "collocation": [5] * 3}
