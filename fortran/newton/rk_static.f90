@@ -67,12 +67,10 @@ subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recor
    if (planned%loaded .and. .not. present(last)) then
       if (aside) call begin_at_start()
       if (allocated(error)) return
-      if (aside) x = 0.0_wp
-      if (aside .or. .not. any(abs(x) > 0.0_wp)) then
+      if (.not. any(abs(x) > 0.0_wp)) then
          first = 0
          done = -1.0_wp
       end if
-      aside = .false.
    end if
    do step = first, record%steps
       from = done
@@ -95,7 +93,10 @@ subroutine solve_static(problem, newton, planned, max_halvings, halved, x, recor
          else
             call try_step()
             if (allocated(error)) then
-               if (may_halve()) then
+               if (aside .and. any(error%code == [err_convergence, err_linalg])) then
+                  call leave_start('load '//to_text(load, 4))
+                  cycle
+               else if (may_halve()) then
                   call halve()
                   cycle
                end if
@@ -222,16 +223,27 @@ contains
       end if
       if (allocated(error)) then
          if (.not. any(error%code == [err_convergence, err_linalg])) return
-         call recorder%note('no equilibrium at the beginning of the programme from the given ' &
-            & //'start: '//error%message//'; it is approached from rest instead', warning=.false.)
-         deallocate (error)
-         newton%reuses = .false.
+         call leave_start('the beginning of the programme')
          return
       end if
       aside = .false.
       call note_state(0.0_wp)
       call recorder%step(record, x)
    end subroutine begin_at_start
+
+   !> Go on from rest where no equilibrium is found from a start off the path: smaller loads are
+   !> only farther from it
+   subroutine leave_start(place)
+      !> Where it was sought, in words
+      character(len=*), intent(in) :: place
+
+      call recorder%note('no equilibrium at '//place//' from the given start: '//error%message &
+         & //'; it is approached from rest instead', warning=.false.)
+      deallocate (error)
+      newton%reuses = .false.
+      aside = .false.
+      x = 0.0_wp
+   end subroutine leave_start
 
    !> Hand over the last converged state and report where the run stopped
    subroutine give_up()

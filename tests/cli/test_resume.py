@@ -184,6 +184,20 @@ def test_a_state_is_where_another_run_starts(tmp_path):
         assert scene.solve(error=False).iterations[-1] > 3
 
 
+def test_a_start_that_leads_nowhere_is_left(tmp_path):
+    """The state of full load is inverted at the first of several loads: the run begins at rest."""
+    first = run_deck(RUBBER, tmp_path / "first", threads=1, error=False)
+    file, said = tmp_path / "first" / "results.vtkhdf", []
+    again = run_deck(
+        RUBBER, tmp_path / "again", threads=1, error=False, start=file, progress=said.append
+    )
+    assert any("from the given start" in line and "from rest" in line for line in said)
+    with Scene.from_tables(RUBBER, threads=1) as scene:
+        force = scene.probes(scene.solve(error=False, start=file).x, [1.0] * 6)[-1, 0]
+    for found in (again["steps"][-1]["probes"]["force"], force):
+        np.testing.assert_allclose(found, first["steps"][-1]["probes"]["force"], rtol=1e-6)
+
+
 def programme(pull: list[float], excite: list[float], steps: int, method: str) -> dict:
     """A block of muscle, stretched and excited by amplitudes over equal parts of load time."""
     time = np.linspace(0, 1, len(pull)).tolist()

@@ -258,7 +258,8 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
           `"FILE:STEP"`. It must belong to the same points and approximation. A programme whose
           amplitudes begin with other values than 0 begins there, in equilibrium with what it
           prescribes at load time 0. Otherwise a start saves the path to the first load step, and
-          decides which state is found where there are several: a body has no memory.
+          decides which state is found where there are several: a body has no memory. Where no
+          equilibrium is found from it the solve begins at rest.
         - raises ConvergenceError: a load step failed, also after halving; `states` has those
           before it
         - raises KeyboardInterrupt: Ctrl-C stopped the solve after its iteration; `states` has the
