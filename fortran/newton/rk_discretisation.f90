@@ -338,6 +338,7 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    end if
    nd = self%scene%cloud%nd
    self%scene%body_force = body_force
+   self%scene%weight = matmul(body_force, self%scene%cloud%volume)
    associate (boundary => self%boundary)
       boundary%value = 0.0_wp
       boundary%traction = 0.0_wp

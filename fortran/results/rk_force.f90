@@ -22,11 +22,11 @@ module rk_force
 
 contains
 
-!> Sum of the forces on all sides of the body with conditions, and the largest of them: the sum is 0
-!> for a body in equilibrium. Unbalanced forces indicate a locked or too coarse solution. Each force
-!> is taken from the nearer half of the body: over the whole length between two fixed sets both
-!> would be the same mean of all sections, however these differ. A body without external forces,
-!> such as a muscle with a free end, has only forces of rounding.
+!> Sum of the body force and the forces on all sides of the body with conditions, and the largest of
+!> them: the sum is 0 for a body in equilibrium. Unbalanced forces indicate a locked or too coarse
+!> solution. Each force is taken from the nearer half of the body: over the whole length between two
+!> fixed sets both would be the same mean of all sections, however these differ. A body without
+!> external forces, such as a muscle with a free end, has only forces of rounding.
 subroutine set_forces(problem, state, left, largest)
    class(discretisation_type), intent(in) :: problem
    type(field_state), intent(in) :: state
@@ -37,11 +37,13 @@ subroutine set_forces(problem, state, left, largest)
    real(wp) :: total(3), force(3), inside, total_volume, length
    integer :: c, ip, set
 
-   total = 0.0_wp
-   largest = 0.0_wp
+   total = state%load*problem%scene%weight
+   largest = norm2(total)
    do set = 1, problem%scene%cloud%sides()
-      if (.not. any([(problem%scene%cloud%meets_side(problem%scene%condition(c)%set, set), &
-         & c=1, size(problem%scene%condition))])) cycle
+      ! loads set point by point may act on any side
+      if (.not. (allocated(problem%scene%body_force) &
+         & .or. any([(problem%scene%cloud%meets_side(problem%scene%condition(c)%set, set), &
+         & c=1, size(problem%scene%condition))]))) cycle
       force = problem%set_force(set, state, 0.5_wp)
       total = total + force
       largest = max(largest, norm2(force))

@@ -116,6 +116,8 @@ module rk_scene
       !> Body force at full load per undeformed volume, zero if not allocated, shape (3, points
       !> required by the form) [force/length^3]
       real(wp), allocatable :: body_force(:, :)
+      !> Its integral over the body [force]
+      real(wp) :: weight(3) = 0.0_wp
       !> Iteration, linear solver, weights of boundary rows
       type(solver_options) :: solver
       !> Mixed form

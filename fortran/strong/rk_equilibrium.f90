@@ -592,8 +592,8 @@ subroutine volume_row(self, ip, x, tangent, r, volume)
 end subroutine volume_row
 
 !> Force that the surroundings exert on the body through a set, or its moment in the deformed
-!> position, whose virtual motion is a rotation: from the sections below the set, or from the
-!> traction integral over it where there is no room for these
+!> position, whose virtual motion is a rotation: from the sections below the set and the body force
+!> before them, or from the traction integral over it where there is no room for these
 function set_force(self, set, state, share, about) result(force)
    class(equilibrium_problem), intent(in) :: self
    integer, intent(in) :: set
@@ -629,7 +629,8 @@ function set_force(self, set, state, share, about) result(force)
    ! half the distance only makes sense between the ends of a body
    if (share < 1.0_wp .and. reach < maxval(depth)*(1.0_wp - 1.0e-6_wp)) return
    reach = 0.5_wp*share*reach
-   where (usable) force = slab_force(self, state, normal, depth - reach, reach, about)
+   where (usable) force = slab_force(self, state, normal, depth - reach, reach, about) &
+      & - body_load(self, state, depth - reach, reach, about)
 end function set_force
 
 !> Force through a plane section: the mean over the sections of a slab of a few spacings, which lies
@@ -678,6 +679,34 @@ function slab_force(self, state, normal, away, half, about) result(force)
       force = force + pull
    end do
 end function slab_force
+
+!> Mean body force before the sections of a slab, or its moment in the deformed position: its work
+!> in the motion of `slab_force`
+function body_load(self, state, away, half, about) result(force)
+   class(equilibrium_problem), intent(in) :: self
+   type(field_state), intent(in) :: state
+   !> Distance of each collocation point from the middle of the slab, shape (nc) [length]
+   real(wp), intent(in) :: away(:)
+   !> Half the width of the slab [length]
+   real(wp), intent(in) :: half
+   real(wp), intent(in), optional :: about(3)
+   real(wp) :: force(3), pull(3), place
+   type(point_state) :: local
+   integer :: ip
+
+   force = 0.0_wp
+   if (.not. allocated(self%scene%body_force)) return
+   do ip = 1, size(away)
+      place = min(max(away(ip)/half, -1.0_wp), 1.0_wp)
+      pull = state%load*self%scene%body_force(:, ip)*self%scene%cloud%volume(ip) &
+         & *0.5_wp*(1.0_wp - place - sin(pi*place)/pi)
+      if (present(about)) then
+         call self%at_point(state, ip, local)
+         pull = vector_product(local%x + local%u - about, pull)
+      end if
+      force = force + pull
+   end do
+end function body_load
 
 !> Depth to which a virtual motion from a set may extend, and the components it may have
 subroutine find_reach(self, set, normal, origin, reach, usable)

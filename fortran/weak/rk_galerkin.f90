@@ -278,6 +278,7 @@ subroutine set_point_loads(self, body_force, displacement, stress, place)
    ! nothing is prescribed between points
    if (allocated(self%walls)) deallocate (self%walls)
    self%scene%body_force = body_force
+   self%scene%weight = matmul(body_force(:, :np), self%cells%weight)
    call self%surface%set_varying(self%cells, displacement(:, np + 1:), stress(:, :, np + 1:))
    call self%gradient%set_essential(self%cells, self%surface%essential, self%surface%value)
    self%force = 0.0_wp

@@ -204,6 +204,24 @@ def test_loads_of_a_linear_problem_are_those_of_its_deck(open_scene, method):
     refuses("loads of a linear problem", opened.set_fields, *fields)
 
 
+@pytest.mark.parametrize("method", ["rkcm", "rkcm-mixed", "rkpm-scni", "rkpm-gauss"])
+def test_a_column_carries_its_weight(open_scene, method):
+    """The reaction balances a body force; the material does not contract."""
+    column = scene(
+        method, box(4, 4, 7, size=[1, 1, 2], places=(5, 5, 9)), material=[neo(100, 200 / 3)],
+        boundary=[held("z0")], probe=probes("foot force z0"), load={"steps": 1},
+    )  # fmt: skip
+    opened = open_scene(column)
+    n = len(opened.field_points())
+    load = np.tile([0, 0, -0.05], (n, 1))
+    opened.set_fields(load, 0 * load, np.zeros((n, 3, 3)))
+    states = opened.solve()
+    foot = opened.probes(states.x, states.load)[-1, 0]
+    assert_allclose(foot, [0, 0, 0.1], rtol=0, atol=5e-4)
+    assert states.force_imbalance < 0.02
+    assert [r for r in states.reasons if "set point by point" not in r] == []
+
+
 @pytest.mark.parametrize("method", ["rkcm", "rkpm-scni", "rkpm-gauss"])
 def test_loads_of_its_own_have_no_second_solution(open_scene, method):
     """Nothing can support such an answer: it is doubtful; and the scene cannot be changed."""
