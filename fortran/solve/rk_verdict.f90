@@ -183,7 +183,8 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    end if
    if (self%curable .and. .not. search%searched) then
       text = ''
-      if (index(problem%scene%method, 'rkpm') /= 1) text = 'method "rkpm-gauss", whose bars come ' &
+      if (index(problem%scene%method, 'rkpm') /= 1 .or. self%companion%kind == another_form) &
+         & text = 'method "rkpm-gauss", whose bars come ' &
          & //'from fewer points, or '
       if (allocated(problem%scene%cloud%lattice)) then
          text = text//'more points (geometry.source, or accuracy without it)'

@@ -88,7 +88,7 @@ def test_the_ramp_is_an_amplitude_like_others() -> None:
 
 
 def test_states_of_a_programme_are_compared_at_their_own_loads() -> None:
-    """Also where the second solution needs more steps than the answer, since one left the branch."""
+    """Also where the second solution needs more steps than the answer."""
     flat = gripped(
         "auto", box(7, 7, 7, size=[2, 2, 0.6]), scenes.neo(10, 500), "z0 z1", "pull force_z z1",
         u_z=0.35, amplitude=[RAMP], load={"steps": 3},

@@ -345,6 +345,26 @@ def test_an_interface_is_no_stack_of_layers_that_buckles() -> None:
     assert found.last()["waist"] == pytest.approx(-0.1599, rel=0.01)
 
 
+def test_nodal_cells_that_blend_materials_are_compared_with_cells_that_do_not() -> None:
+    """Three layers, of which felupe's triquadratic elements give a transverse force of 0.382 N."""
+    fibers = {"model": "energy", "energy": "mu/2*(I1-3)+C1*(I4-1)^2+C2*activation*sqrt(I4)"}
+    layers = [
+        {"name": "a", "where": "y<=0.3", **fibers, "mu": 10, "C1": 5, "C2": 8, "K": 150,
+         "fiber": [0.3, 0, 1], "activation": 0.3},
+        neo(40, 400, "b", where="y>0.3 and y<=0.6"),
+        {"name": "c", "where": "y>0.6", **fibers, "mu": 6, "C1": 3, "C2": 20, "K": 100,
+         "fiber": [0, 0.4, 1], "activation": 0.15},
+    ]  # fmt: skip
+    deck = gripped(
+        "rkpm-scni", box(9, 9, 9, size=[1, 1.2, 1.2]), layers, "z0 z1", "across force_y z1"
+    )
+    deck["boundary"].append({"set": "x1", "traction": [0.3, 0.2, -0.4]})
+    states, found = solved(deck)
+    assert 0.03 < abs(found.last()["across"] - 0.382) < found.bar("across")
+    assert states.verdict == "doubtful"
+    assert 'method "rkpm-gauss"' in states.reasons[-1]
+
+
 def test_a_traction_in_two_halves_has_the_bars_of_the_whole() -> None:
     """The second half acts on a separate set, which is the same side."""
     wanted = "u u_y 2 0.5", "s cauchy_xx 1 0.25"
