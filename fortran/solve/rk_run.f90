@@ -273,11 +273,24 @@ subroutine warn_of_conditions(scene, outcome, recorder)
       & //'material has fibers; model = "muscle" does', recorder)
    do k = 1, size(scene%condition)
       associate (condition => scene%condition(k))
-         if (any(condition%fixed .and. condition%traction%acts())) call outcome%warn('boundary.' &
-            & //trim(scene%cloud%set_names(condition%set))//': traction has no effect in a ' &
-            & //'component whose displacement is prescribed; leave one of the two out', recorder)
+         if (any(condition%fixed .and. condition%traction%acts())) call warn_of('traction')
+         if (any(condition%fixed .and. condition%spring > 0.0_wp)) call warn_of('spring')
+         if (all(condition%fixed(:scene%cloud%nd)) .and. abs(condition%pressure) > 0.0_wp) &
+            & call warn_of('pressure')
       end associate
    end do
+
+contains
+
+   !> Warn of a load on prescribed components
+   subroutine warn_of(key)
+      character(len=*), intent(in) :: key
+
+      call outcome%warn('boundary.'//trim(scene%cloud%set_names(scene%condition(k)%set))//': ' &
+         & //key//' has no effect in a component whose displacement is prescribed; leave one of ' &
+         & //'the two out', recorder)
+   end subroutine warn_of
+
 end subroutine warn_of_conditions
 
 !> Warn of probes on an interface of materials that are defined by expressions, if their quantity

@@ -131,7 +131,7 @@ subroutine judge(self, problem, deck, model, with_companion, search, receiver, o
    self%reasons = ''
    off = 0.0_wp
    call warn_of_units(deck, outcome, receiver)
-   call warn_of_unused(deck, outcome, receiver)
+   call warn_of_unused(deck, problem%scene, outcome, receiver)
    call warn_of_references(problem%scene, outcome, receiver)
    call warn_of_moduli(problem, outcome, receiver)
    if (allocated(outcome%ended)) then
@@ -222,9 +222,11 @@ subroutine warn_of_units(deck, outcome, receiver)
 end subroutine warn_of_units
 
 !> Warn of load programmes and sets that nothing refers to: with a forgotten reference the load is a
-!> ramp
-subroutine warn_of_unused(deck, outcome, receiver)
+!> ramp; and of an activation that no muscle has
+subroutine warn_of_unused(deck, scene, outcome, receiver)
    type(deck_type), intent(in) :: deck
+   !> Its scene
+   type(scene_type), intent(in) :: scene
    type(outcome_type), intent(inout) :: outcome
    class(recorder_type), intent(inout) :: receiver
    character(len=:), allocatable :: name
@@ -241,6 +243,12 @@ subroutine warn_of_unused(deck, outcome, receiver)
       if (.not. (among('boundary', '.set') .or. among('probe', '.set'))) call outcome%warn('set ' &
          & //name//': no boundary and no probe refers to it', receiver)
    end do
+   associate (fibered => [(scene%tissue(i)%material%fibered, i=1, size(scene%tissue))])
+      if (deck%given('load.activation') .and. any(fibered) .and. .not. any(fibered .and. &
+         & [(.not. deck%given('material.'//to_text(i)//'.activation'), i=1, size(fibered))])) &
+         & call outcome%warn('load.activation has no effect: every material with fibers has its ' &
+         & //'own activation; change material.NAME.activation, or leave it out there', receiver)
+   end associate
 
 contains
 

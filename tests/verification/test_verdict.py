@@ -858,6 +858,19 @@ def test_a_load_programme_that_nothing_follows_is_named() -> None:
     assert any("amplitude pull" in text for text in solved(tables)[0].warnings)
 
 
+def test_loads_without_effect_are_named() -> None:
+    """On components that are prescribed, or for muscles that have their own activation."""
+    muscle = {"name": "m", "model": "muscle", "A10": 6, "K": 200}
+    muscle |= {"fiber": [0, 1, 0], "activation": 0}
+    deck = gripped("auto", box(5, 5), muscle, "y0 y1", u_y=0.1, load={"activation": 0.5})
+    deck["boundary"][0] |= {"pressure": 1, "spring": [0, 2]}
+    deck["boundary"].append({"set": "x1", "u_x": 0, "pressure": 1, "spring": [0, 2]})
+    warnings = scenes.solved(deck).states.warnings
+    assert [text.split(" has no effect")[0] for text in warnings] == [
+        "boundary.y0: spring", "boundary.y0: pressure", "load.activation",
+    ]  # fmt: skip
+
+
 @pytest.mark.parametrize("bulk", [100.0, 1e4])
 def test_a_confined_body_is_stable(bulk: float) -> None:
     """Its pressure of ten shear moduli would wrinkle sliding faces against the penalty alone."""
