@@ -726,7 +726,8 @@ subroutine inner_forces(self, state, r)
 end subroutine inner_forces
 
 !> Strain energy including that of the projected change of volume; for the whole body also that of
-!> its supports [force length]
+!> the penalty, which is part of the work of prescribed displacements, but not of springs [force
+!> length]
 real(wp) function strain_energy(self, state, tissue) result(energy)
    class(galerkin_problem), intent(in) :: self
    type(field_state), intent(in) :: state

@@ -194,6 +194,19 @@ def test_work_is_stored_energy_and_what_activation_adds() -> None:
     assert np.abs(part - energy).max() < 0.05 * np.abs(energy).max()
 
 
+def test_energy_of_the_body_is_without_that_of_springs() -> None:
+    """Half the work of a small pull is stored, in part by the spring."""
+    deck = scene(
+        "auto", box(3, 3, 3), material=[scenes.neo(10, 500)], load={"steps": 1},
+        boundary=[held("z0"), {"set": "z1", "traction": [0, 0, 0.01], "spring": [0, 0, 30]}],
+        probe=[*WHOLE[1:2], *scenes.probes("end u_z z1")],
+    )  # fmt: skip
+    last = scenes.solved(deck).last()
+    body, spring = last["energy"], 15 * last["end"] ** 2
+    assert body + spring == pytest.approx(0.01 * last["end"] / 2, rel=0.02)
+    assert 0.5 < spring / body < 2
+
+
 @pytest.mark.parametrize("method", ["rkpm-gauss", "rkpm-scni", "rkcm"])
 def test_stretch_and_pennation_of_a_stretched_block(method: str) -> None:
     """Uniform stretch: fibers of 30 degrees turn towards the pull."""
