@@ -4,6 +4,7 @@ The file is written by fortran/results/h5/rk_results.f90; the data for VTK are i
 those for a restart in its group MyoRK.
 """
 
+import operator
 from collections.abc import Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
@@ -129,6 +130,7 @@ class Results(AbstractContextManager["Results"]):
 
     def _joined(self, name: str) -> I32:
         """Rows of integers that describe the connectivity of points; none without a lattice."""
+        self._check_open()
         with _damage(self.path, name):
             if f"MyoRK/{name}" not in self._file:
                 return np.empty((0, 3), np.int32)
@@ -171,6 +173,7 @@ class Results(AbstractContextManager["Results"]):
                 f"{self.path}: no field {name!r}; available: {', '.join(sorted(self.fields))}"
             )
         step = self._step(step)
+        self._check_open()
         with _damage(self.path, f"field {name}"):
             first = int(self._file[f"VTKHDF/Steps/PointDataOffsets/{name}"][step])
         values = self._read(f"VTKHDF/PointData/{name}", slice(first, first + self.npoint))
@@ -295,13 +298,22 @@ class Results(AbstractContextManager["Results"]):
             np.array([value for _, value in rows], dtype=float),
         )
 
+    def _check_open(self) -> None:
+        if not self._file:
+            raise InputError(f"{self.path}: these results are closed: open the file again")
+
     def _step(self, step: int) -> int:
-        if not -self.nstep <= step < self.nstep:
-            raise InputError(f"{self.path}: no step {step}; the last one is {self.nstep - 1}")
-        return step % self.nstep
+        try:
+            number = operator.index(step)
+        except TypeError:
+            number = self.nstep
+        if not -self.nstep <= number < self.nstep:
+            raise InputError(f"{self.path}: no step {step!r}; the last one is {self.nstep - 1}")
+        return number % self.nstep
 
     def _read(self, name: str, part: Any = ()) -> NDArray[Any]:
         """Values of a dataset; errors name the file."""
+        self._check_open()
         with _damage(self.path, name):
             values = np.asarray(dataset(self._file, name)[part])
             if values.dtype.kind not in "iuf":

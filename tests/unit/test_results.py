@@ -190,6 +190,17 @@ def test_refuses_what_is_not_there(sample: Path, tmp_path: Path) -> None:
     refuses(said, Results, tmp_path, kind=FileError)
 
 
+def test_closed_results_and_steps_between_two_are_no_damage(sample: Path) -> None:
+    results = Results(sample)
+    for step in (1.5, "1", None):
+        refuses("no step", results.field, "u", step)
+    points = results.points
+    results.close()
+    assert_array_equal(results.points, points)
+    for call in (lambda: results.field("u"), lambda: results.loads, lambda: results.lattice):
+        refuses("are closed", call)
+
+
 @pytest.mark.parametrize("place", ["far", "flat"])
 def test_a_lattice_that_does_not_fit(sample: Path, tmp_path: Path, place: str) -> None:
     path = Path(shutil.copy(sample, tmp_path))

@@ -49,6 +49,15 @@ def test_scenes_opened_at_once_do_not_meet(write_deck):
         one.close()
 
 
+@pytest.mark.parametrize("method", ["rkcm", "rkpm-gauss"])
+def test_settings_of_a_solve_that_cannot_be_are_refused(method):
+    tables = TABLES | {"scene": {"dimension": 3, "method": method}}
+    for threads in (-1, 2.5, "a", 5000):
+        refuses("whole number between 1 and 1024", Scene.from_tables, tables, threads=threads)
+    with Scene.from_tables(tables) as opened:
+        refuses("unknown least squares solver dgel", opened.solve, "dgel")
+
+
 def test_wrong_shapes_are_refused(open_scene):
     opened = open_scene(TABLES)
     x, one = np.zeros(opened.dofs), np.ones((opened.dofs, 1))

@@ -308,6 +308,8 @@ def test_the_regression_alone_is_rough_and_one_correction_is_better(rom: Reduced
     assert np.isfinite(rough.force).all() and not rough.converged.any()
     assert not once.converged.any() and exact.converged.all()
     refuses("corrections must be", rom.batch, values, corrections=-1)
+    for wrong in (values[:, :1], values[:0], [], "a", None):
+        refuses("values must", rom.batch, wrong)
 
 
 @pytest.mark.parametrize(("given", "message"), [
@@ -444,6 +446,11 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
     _, row = rows_of(sweep(deck, vary, tmp_path / "one", model=trained, overrides=given))
     expected = ReducedModel.load(trained, threads=1).solve(activation=0.9, u_z=0.15)
     assert float(row["reaction"]) == pytest.approx(expected.force, rel=1e-10)
+    # what the command leaves open is that of the deck
+    _, row = rows_of(sweep(deck, vary, tmp_path / "deck", model=trained))
+    pulled = BLOCK["boundary"][1]["u_z"]
+    expected = ReducedModel.load(trained, threads=1).solve(activation=0.9, u_z=pulled)
+    assert float(row["reaction"]) == pytest.approx(expected.force, rel=1e-10)
     own = shutil.copy(trained, tmp_path / "own.rom.h5")
     for _ in range(2):
         sweep(deck, vary, tmp_path / "own", model=own, overrides=given)
@@ -455,7 +462,6 @@ def test_sweep_by_the_model(deck: Path, trained: Path, tmp_path: Path) -> None:
     softer = {**BLOCK["material"][0], "K": 2000}
     other = deck_file(tmp_path / "other.toml", {**BLOCK, "material": [softer]})
     for of, overrides, message in (
-        (deck, [], "no value for boundary.z1.u_z"),
         (deck, [*given, "material.muscle.K=100"], "not a parameter of this reduced"),
         (other, given, "was trained on a deck other than"),
     ):

@@ -5,6 +5,7 @@ module rk_session
    use rk_deck_scene, only : get_approximation, new_scene
    use rk_error, only : error_type, fatal_error, err_input
    use rk_handles, only : close_slot, listener_interface, slot_type
+   use rk_lstsq, only : solver_names
    use rk_new_problem, only : new_problem
    use rk_precision, only : wp
    use rk_problem, only : problem_type
@@ -88,6 +89,12 @@ subroutine solve_session(slot, linear, reduced, estimate, x, error)
    class(problem_type), pointer :: problem
    type(start_type), allocatable :: start
 
+   ! weak forms would not read it
+   if (linear /= '' .and. .not. any(solver_names == linear)) then
+      call fatal_error(error, err_input, 'unknown least squares solver '//trim(linear) &
+         & //'; give a choice of solver.linear, or none')
+      return
+   end if
    if (allocated(slot%states%x)) deallocate (slot%states%x, slot%states%info)
    slot%states%steps = 0
    call find_problem(slot, reduced, problem, error)

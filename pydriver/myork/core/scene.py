@@ -25,6 +25,7 @@ from myork.core.deck import (
     text_of_tables,
 )  # fmt: skip
 from myork.core.states import Fields, States, states_of
+from myork.core.threads import checked_threads
 from myork.records import PointCloud
 from myork.results import RestartState
 from myork.tables import override_text, read_only
@@ -128,7 +129,7 @@ class Scene(contextlib.AbstractContextManager["Scene"]):
         """Store what the scene is opened from; the text is empty where the deck is a file."""
         self._text, self._overrides, self._model = text, tuple(overrides), model
         self._changes: dict[str, str] = {}
-        self._threads = threads or 0
+        self._threads = checked_threads(threads)
         self._turn = Turn()
 
     def _open(

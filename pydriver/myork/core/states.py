@@ -63,8 +63,8 @@ class Fields(NamedTuple):
     u: F64  #: Displacement, shape `(npoint, 3)` [length]
     f: F64  #: Deformation gradient `F[point, i, A]`, shape `(npoint, 3, 3)`
     cauchy: F64  #: Cauchy stress xx, yy, zz, xy, yz, xz, shape `(npoint, 6)` [stress]
-    #: These and all other fields by their names in result files, shape `(npoint, components)`;
-    #: tensors row by row
+    #: These and all other fields by their names in result files, shape `(npoint, components)`: `F`
+    #: row by row; `cauchy` as above, while `Results.field` returns it as tensors
     named: dict[str, F64]
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from myork.core.deck import deck_key
 from myork.core.online import Cells, Model
+from myork.core.threads import checked_threads
 from myork.errors import FileError, InputError
 from myork.model_file import model_of_bytes
 from myork.rom.full import FullModel
@@ -160,6 +161,7 @@ class ReducedModel:
     def __init__(self, arrays: Mapping[str, Any], threads: int = 0) -> None:
         from scipy.spatial import cKDTree
 
+        threads = checked_threads(threads)
         self._arrays = dict(arrays)
         head = json.loads(arrays["head"])
         self.head: dict[str, Any] = head
@@ -315,10 +317,14 @@ class ReducedModel:
         - `indicator`: estimate the errors; it doubles the cost
         - raises InputError: values that no deck may have, such as activations above 1
         """
-        values = np.atleast_2d(np.asarray(values, float))
-        if values.ndim != 2 or values.shape[1] != len(self.parameters):
+        try:
+            values = np.atleast_2d(np.asarray(values, float))
+        except (TypeError, ValueError):
+            raise InputError("values must be an array of numbers, a row for each state") from None
+        if not len(values) or values.shape[1:] != (len(self.parameters),):
             raise InputError(
-                f"values must have shape (n, {len(self.parameters)}), not {values.shape}"
+                f"values must have shape (n, {len(self.parameters)}) with at least one row, not "
+                f"{values.shape}"
             )
         with np.errstate(over="ignore"):
             if not np.isfinite(values / self._scale).all():
@@ -383,7 +389,10 @@ class ReducedModel:
         named = {self.key_of(name): value for name, value in given.items()}
         missing = [p.key for p in self.parameters if p.key not in named]
         if missing:
-            raise InputError(f"no value for {', '.join(missing)}: give --set KEY=VALUE for each")
+            raise InputError(
+                f"no value for {', '.join(missing)}: give each a number, in a command by "
+                "--set KEY=VALUE"
+            )
         rows = np.empty((count, len(self.parameters)))
         for k, p in enumerate(self.parameters):
             try:

@@ -287,10 +287,19 @@ def _model_values(plan: Plan, rom: ReducedModel, path: Path, home: Path) -> F64:
             "again"
         )
     fixed = [item.partition("=") for item in plan.overrides if item not in trained]
-    given: dict[str, Any] = {rom.key_of(name.strip()): value for name, _, value in fixed}
+    given = {p.key: value for p in rom.parameters if (value := _of_deck(deck, p.key)) is not None}
+    given |= {rom.key_of(name.strip()): value for name, _, value in fixed}
     columns = zip(*plan.points, strict=True)
     given |= {rom.key_of(name): column for name, column in zip(plan.keys, columns, strict=True)}
     return rom.rows(given, len(plan.points))
+
+
+def _of_deck(deck: Mapping[str, Any], key: str) -> Any:
+    """Value of a parameter in its deck, None where there is none."""
+    table, *entry, word = key.split(".")
+    entries = deck[table] if entry else [deck[table]]
+    named = (one for one in entries if not entry or entry[0] in (one.get("name"), one.get("set")))
+    return next((one[word] for one in named if word in one), None)
 
 
 def _reduced(rom: ReducedModel, values: F64, left: Sequence[int], store: Store) -> None:
