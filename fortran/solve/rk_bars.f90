@@ -101,6 +101,9 @@ module rk_bars
    !> Least size at the end of a programme, relative to the largest on the way: where loads are
    !> removed again only the errors of iterations remain [-]
    real(wp), parameter :: share_of_peak = 1.0e-3_wp
+   !> Part of the pressure that counts as shear stress where the size of displacements is estimated:
+   !> those of a body under the same pressure all round are errors, if its volume is preserved [-]
+   real(wp), parameter :: share_of_pressure = 0.1_wp
    !> Largest probe below which all of a kind count as zero, relative to the size of the kind [-]
    real(wp), parameter :: near_zero = 0.01_wp
    !> Sets of the ends of a quarter ring
@@ -279,7 +282,7 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
             kind = 0.5_wp*force*norm2(maxval(scene%cloud%points, dim=2) &
                & - minval(scene%cloud%points, dim=2))
          case ('length')
-            kind = displacement
+            kind = max(displacement, share_of_kind*strained)
          case ('ratio')
             kind = 1.0_wp
          case ('energy', 'angle')
@@ -316,8 +319,8 @@ subroutine look_at(self, problem, probes, state, value, whole, apart, strained)
    end associate
 end subroutine look_at
 
-!> Shear strain due to a stress alone, with the shear modulus at rest, 0 in a linear problem; the
-!> pressure causes none, and may take any value where the volume is preserved [-]
+!> Shear strain due to a stress alone, with the shear modulus at rest, 0 in a linear problem; a
+!> pressure causes none, and may take any value where the volume is preserved, but its errors do [-]
 pure real(wp) function shear_strain(scene, place, cauchy)
    type(scene_type), intent(in) :: scene
    !> Place of output
@@ -334,7 +337,8 @@ pure real(wp) function shear_strain(scene, place, cauchy)
       deviator(d, d) = cauchy(d, d) - (cauchy(1, 1) + cauchy(2, 2) + cauchy(3, 3))/3.0_wp
    end do
    associate (shear => scene%tissue(scene%tissue_of(place))%material%shear)
-      if (shear > 0.0_wp) shear_strain = norm2(deviator)/(2.0_wp*shear)
+      if (shear > 0.0_wp) shear_strain = max(norm2(deviator), share_of_pressure*norm2(cauchy)) &
+         & /(2.0_wp*shear)
    end associate
 end function shear_strain
 

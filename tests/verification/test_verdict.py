@@ -858,6 +858,22 @@ def test_a_load_programme_that_nothing_follows_is_named() -> None:
     assert any("amplitude pull" in text for text in solved(tables)[0].warnings)
 
 
+def test_displacements_under_the_same_pressure_all_round_are_no_branch() -> None:
+    """An incompressible body stays at rest; its displacements are errors."""
+    rubber, planes = neo(10, float("inf")), [{"set": f"{axis}0", f"u_{axis}": 0} for axis in "xy"]
+    wanted = probes("moved u_x 1 0", "stress cauchy_xx 1.5 0")
+    ring = {"kind": "annulus", "inner_radius": 1, "outer_radius": 2, "source": [9, 9]}
+    for body, ends, verdict in (
+        (ring, ("inner", "outer"), "doubtful"), (box(5, 5, size=[2, 2]), ("x1", "y1"), "accepted"),
+    ):  # fmt: skip
+        pressed = [*planes, *({"set": end, "pressure": 5} for end in ends)]
+        deck = scene("auto", body, material=[rubber], boundary=pressed, probe=wanted)
+        states, found = solved(deck)
+        assert states.verdict == verdict
+        assert abs(found.last()["moved"]) <= found.bar("moved") < 2e-4
+        assert abs(found.last()["stress"] + 5) < found.bar("stress") < 0.01
+
+
 def test_loads_without_effect_are_named() -> None:
     """On components that are prescribed, or for muscles that have their own activation."""
     muscle = {"name": "m", "model": "muscle", "A10": 6, "K": 200}
