@@ -309,6 +309,23 @@ def test_prism_of_a_slice_lies_about_it():
     refuses(r"build\.extrude .* this image has 20 of them", extruded, prism, 40.0)
 
 
+def test_numbers_of_a_muscle_of_a_prism_are_those_of_its_section(tmp_path):
+    """A rectangle of 20 x 10 mm, wider than the prism is long, whatever the slice's thickness."""
+    data = np.zeros((24, 14, 1), np.int32)
+    data[2:22, 2:12] = 1
+    affine = affine_of((-1.0, -1.0, 3.0))
+    fibers = np.tile([0.0, np.sin(LEAN), np.cos(LEAN)], (*data.shape, 1))
+    save(tmp_path, affine, l=Labels(data, affine, {1: "soleus"}), f=fibers)
+    (tmp_path / "out").mkdir()
+    save(tmp_path / "out", affine, fa=0.3 + 0.0 * data)
+    found = built(tmp_path, labels="l.nii.gz", fibers="f.nii.gz", extrude=12.0)
+    (own,) = found["muscles"]
+    assert (own["area [mm^2]"], own["volume [mm^3]"]) == pytest.approx((200.0, 2400.0))
+    assert own["pennation [deg]"] == pytest.approx(np.degrees(LEAN), abs=0.1)
+    assert own["FA [-]"] == pytest.approx(0.3)
+    assert found["volume"]["soleus"] == pytest.approx(2400.0)
+
+
 def test_a_label_without_a_name_has_that_of_its_material(tmp_path):
     write_labels(tmp_path / "l.nii.gz", Labels(halves(6, 6, 4), np.eye(4), {1: "soleus"}))
     deck = scene(

@@ -76,16 +76,19 @@ COLUMNS: Mapping[str, tuple[str, str, int]] = {
 }
 
 
-def muscle_numbers(labels: Labels, maps: Maps, left_out: Collection[int] = ()) -> list[Numbers]:
+def muscle_numbers(
+    labels: Labels, maps: Maps, left_out: Collection[int] = (), along: int | None = None
+) -> list[Numbers]:
     """Numbers of all muscles of a label map.
 
     - `labels`: label map
     - `maps`: known maps of its voxels
     - `left_out`: labels that are not muscles
+    - `along`: voxel axis of a prism, which is the long axis of all its muscles
     """
     if maps.fibers is not None:
         maps = maps._replace(fibers=replace(maps.fibers, data=unit_vectors(maps.fibers.data)[0]))
-    return [_of(labels, number, maps) for number in labels.present if number not in left_out]
+    return [_of(labels, number, maps, along) for number in labels.present if number not in left_out]
 
 
 def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:
@@ -98,10 +101,10 @@ def fat_of_label(own: Mask, fraction: Image, signal: Image) -> float | None:
     return float(np.average(fraction.data[own], weights=weight)) if weight.sum() > 0 else None
 
 
-def _of(labels: Labels, number: int, maps: Maps) -> Numbers:
+def _of(labels: Labels, number: int, maps: Maps, along: int | None) -> Numbers:
     """Numbers of a muscle."""
     own, size = labels.data == number, labels.spacing
-    long, axis = long_axis(labels, own)
+    long, axis = long_axis(labels, own, along)
     layers = own.sum(axis=tuple({0, 1, 2} - {axis}))
     cut = bool(max(layers[0], layers[-1]) > _CUT * layers.max())
     volume = float(layers.sum() * size.prod())
@@ -135,27 +138,36 @@ def _median(values: F64) -> float | None:
     return float(np.median(known)) if len(known) else None
 
 
-def long_axis(labels: Labels, own: Mask) -> tuple[F64 | None, int]:
-    """Long axis of a muscle in the world (None without one), and the voxel axis nearest to it."""
+def long_axis(labels: Labels, own: Mask, along: int | None = None) -> tuple[F64 | None, int]:
+    """Long axis of a muscle in the world (None without one), and the voxel axis nearest to it.
+
+    - `along`: voxel axis of a prism
+    """
+    columns = labels.affine[:3, :3] / labels.spacing
+    if along is not None:
+        return columns[:, along], along
     place = labels.world(np.argwhere(own))
     place = place - place.mean(axis=0)
     variance, axes = np.linalg.eigh(place.T @ place)
     if variance[2] < _LONG * variance[1] or variance[2] <= 0:
         return None, slice_axis(labels.spacing, own.shape)
-    columns = labels.affine[:3, :3] / labels.spacing
     return axes[:, 2], int(np.argmax(np.abs(axes[:, 2] @ columns)))
 
 
-def cut_sides(labels: Labels, number: int) -> list[str]:
+def cut_sides(labels: Labels, number: int, along: int | None = None) -> list[str]:
     """Sides of the image that cut off a part of a muscle, except its ends along the slices.
+
+    - `along`: voxel axis of a prism
 
     A round muscle that only touches a side has there, within two voxels of its rim, a chord that
     follows from its width; a longer chord means that it is cut.
     """
     own = labels.data == number
-    _, along = long_axis(labels, own)
+    ends = {along}
+    if along is None:
+        ends = {long_axis(labels, own)[1], slice_axis(labels.spacing, own.shape)}
     found = []
-    for axis in {0, 1, 2} - {along, slice_axis(labels.spacing, own.shape)}:
+    for axis in {0, 1, 2} - ends:
         layers = own.sum(axis=tuple({0, 1, 2} - {axis}))
         radius = max(0.5 * float((layers > 0).sum()), _RIM)
         chord = np.sqrt(1.0 - (1.0 - _RIM / radius) ** 2)

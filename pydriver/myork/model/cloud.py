@@ -48,8 +48,7 @@ def build_cloud(
 ) -> tuple[PointCloud, list[str]]:
     """Make the points of a model from labels and fibers.
 
-    Before that, as the table asks for it, a single slice becomes a prism, slices are cut and fibers
-    follow a flow.
+    Before that, as the table asks for it, slices are cut and fibers follow a flow.
 
     - `labels`, `fibers`, `activation`, `fractions`: as in `Body`
     - `table`: table `build` of the deck
@@ -65,8 +64,8 @@ def build_cloud(
             f"build.source_stride = {list(stride)} must be a multiple of build.collocation_stride "
             f"= {list(block)} in each direction"
         )
-    body_of = Body(labels, fibers, activation, fractions)
-    labels, fibers, activation, fractions = _prepared(body_of, table, progress, held)
+    if table["flow"]:
+        labels, fibers = _along_flow(labels, progress, held)
     whole = canonical(labels)
     chosen = points.select(whole, table["ids"], table.get("slices"), table["bone"])
     part = points.trimmed(chosen)
@@ -137,31 +136,20 @@ def build_cloud(
     return cloud, warnings
 
 
-def _prepared(
-    body: Body,
-    table: Mapping[str, Any],
-    progress: ProgressCallback,
-    held: Collection[str | None],
-) -> Body:
-    """The body extruded to a prism and with fibers along a flow, if the deck asks for it."""
-    labels, fibers, activation, fractions = body
-    if "extrude" in table:
-        length = table["extrude"]
-        labels = points.extruded(labels, length)
-        fibers, activation, fractions = (one and points.extruded(one, length) for one in body[1:])
-        progress(f"a prism of {length:g} mm: {labels.data.shape[2]} times the slice")
-    if table["flow"]:
-        labels = canonical(labels)
-        axis = _flow_axis(labels, held)
-        progress(f"fibers along a flow from end to end of each label, along {'xyz'[axis]}")
-        if labels.data.shape[axis] == 1:
-            raise InputError(
-                f"{labels.name}: build.flow runs from the first slice to the last along "
-                f"{'xyz'[axis]}, and there is one slice only; set build.extrude, or leave "
-                "build.flow out"
-            )
-        fibers = flow_fibers(labels, axis)
-    return Body(labels, fibers, activation, fractions)
+def _along_flow(
+    labels: Labels, progress: ProgressCallback, held: Collection[str | None]
+) -> tuple[Labels, Image]:
+    """Labels with their axes in the order of the world, and fibers along a flow through them."""
+    labels = canonical(labels)
+    axis = _flow_axis(labels, held)
+    progress(f"fibers along a flow from end to end of each label, along {'xyz'[axis]}")
+    if labels.data.shape[axis] == 1:
+        raise InputError(
+            f"{labels.name}: build.flow runs from the first slice to the last along "
+            f"{'xyz'[axis]}, and there is one slice only; set build.extrude, or leave "
+            "build.flow out"
+        )
+    return labels, flow_fibers(labels, axis)
 
 
 def _flow_axis(labels: Labels, held: Collection[str | None]) -> int:

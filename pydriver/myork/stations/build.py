@@ -24,6 +24,7 @@ from myork.model.cloud import Body, build_cloud
 from myork.model.fibers import fibers_of_labels
 from myork.model.mesh import read_tracts, tract_fibers, voxelise
 from myork.model.orientation import check_orientation
+from myork.model.points import extruded
 from myork.model_file import write_model
 from myork.records import Image, Labels, PointCloud
 from myork.segmentation.images import Images
@@ -54,6 +55,14 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     progress(f"points from {', '.join(path.name for path in files.read)}")
     sums = "\n".join(f"{path.name} {check_sum(path)}" for path in files.read)
     unit = deck["units"]["length"]
+    maps, along = _maps(body, files, out), None
+    if "extrude" in table:
+        length, along = table["extrude"], 2
+        body = Body(
+            extruded(body.labels, length), *(one and extruded(one, length) for one in body[1:])
+        )
+        maps = Maps(*(one and extruded(one, length) for one in maps))
+        progress(f"a prism of {length:g} mm: {body.labels.data.shape[2]} times the slice")
     cloud, warnings = build_cloud(*body[:2], table, unit, sums, *body[2:], progress, _held(deck))
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
     millimetres = " x ".join(f"{edge:.4g}" for edge in (high - low) / length_factor(unit))
@@ -63,13 +72,12 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
         progress(f"build.activation: {mean:.3g} on average over the model")
     progress("body of {} mm, from ({}) to ({}) {}".format(millimetres, *corners, unit))
     write_model(out / "model.h5", cloud)
-    maps = _maps(body, files, out)
     left_out = {*table["bone"]}
     if table["ids"]:
         left_out |= {*np.unique(body.labels.data).tolist()} - {*table["ids"]}
-    warnings = [*_cut(body.labels, deck.get("material", [])), *warnings]
+    warnings = [*_cut(body.labels, deck.get("material", []), along), *warnings]
     model = _record(cloud, [*files.grid.doubts, *warnings])
-    model["muscles"] = _muscles(body, left_out, maps, unit, progress)
+    model["muscles"] = _muscles(body.labels, maps, left_out, along, unit, progress)
     heads = dict.fromkeys(head for row in model["muscles"] for head in row)
     write_csv(out / "muscles.csv", heads, [row.values() for row in model["muscles"]])
     progress(
@@ -175,11 +183,13 @@ def _of_images(files: DeckFiles, materials: Sequence[Mapping[str, Any]]) -> Body
     return Body(labels, fibers, fractions=files.image("fractions", labels, None))
 
 
-def _cut(labels: Labels, materials: Sequence[Mapping[str, Any]]) -> list[str]:
+def _cut(labels: Labels, materials: Sequence[Mapping[str, Any]], along: int | None) -> list[str]:
     """Warnings about muscles that reach beyond the sides of the image."""
     muscles = [own for own in materials if own["model"] == "muscle"]
     numbers = {own["label"] for own in muscles if "label" in own} or {*labels.present}
-    sides = {name: cut_sides(labels, n) for n, name in labels.present.items() if n in numbers}
+    sides = {
+        name: cut_sides(labels, n, along) for n, name in labels.present.items() if n in numbers
+    }
     return [
         f"{name}: the {' and '.join(own)} side of {labels.name} cuts the muscle: the model and its "
         "force are those of the part in the image; use an image that contains the whole section"
@@ -203,11 +213,16 @@ def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:
 
 
 def _muscles(
-    body: Body, left_out: Collection[int], maps: Maps, unit: str, progress: ProgressCallback
+    labels: Labels,
+    maps: Maps,
+    left_out: Collection[int],
+    along: int | None,
+    unit: str,
+    progress: ProgressCallback,
 ) -> list[dict[str, Any]]:
     """Rows of `muscles.csv`: name and numbers with their units, None where missing."""
     factor, rows = length_factor(unit), []
-    for own in muscle_numbers(body.labels, maps, left_out):
+    for own in muscle_numbers(labels, maps, left_out, along):
         if own.cut and maps.fibers is not None:
             what = "fiber length and PCSA are" if own.fiber_length is None else "its PCSA is"
             progress(f"{own.muscle}: the image cuts it, so that {what} left out")
