@@ -7,12 +7,14 @@ import shutil
 from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from numpy.testing import assert_allclose
 
 from benchmarks.truths.scanners import reordered
@@ -21,7 +23,7 @@ from myork.core.scene import Scene
 from myork.errors import FileError
 from myork.records import Image, Labels
 from myork.report import bodies, make_report
-from myork.report.figures import Series, probe_figure, rom_series
+from myork.report.figures import LABELS, Series, label_colours, probe_figure, rom_series
 from myork.report.image_figures import slice_figure
 from myork.report.numbers import labelled, number, probe_units, with_error
 from myork.report.sources import Deformation
@@ -363,13 +365,45 @@ def test_planes_show_what_lies_in_them() -> None:
     body = block()
     body = replace(body, fiber=np.tile([0.0, 0.0, 1.0], (len(body.points), 1)))
     figure = bodies.slices_figure(body, MM)
-    assert "plane z = 1 mm" in figure.axes[0].get_ylabel()
+    assert figure.axes[0].texts[0].get_text() == "plane z = 1 mm"
     strokes = figure.axes[4].collections[-1]
+    # strokes end where the body does
+    seen = strokes.get_clip_path().get_fully_transformed_path().vertices
+    shape = figure.axes[4].transData.inverted().transform(seen)
+    assert_allclose([shape.min(axis=0), shape.max(axis=0)], [[0, 0], [1, 3]], atol=1e-9)
     assert np.all(np.asarray(strokes.U) == 0.0) and np.all(np.asarray(strokes.V) == 1.0)
     assert not figure.legends
     two = replace(body, label=(body.points[:, 2] > 1).astype(np.int32))
     (legend,) = bodies.slices_figure(two, MM, ["muscle"]).legends
     assert [text.get_text() for text in legend.get_texts()] == ["muscle", "label 1"]
+
+
+def test_numbers_of_flat_pictures_do_not_overlap() -> None:
+    """A body a tenth as high as wide: numbers along its axes and colour bars have their room."""
+    body = block()
+    body = replace(body, points=body.points * [10.0, 5.0, 0.3])
+    figure = bodies.slices_figure(body, MM)
+    figure.canvas.draw()
+    for axes in [own for panel in figure.axes for own in (panel, *panel.child_axes)]:
+        drawn = [tick for axis in (axes.xaxis, axes.yaxis) for tick in axis._update_ticks()]
+        texts = [text for tick in drawn for text in (tick.label1, tick.label2)]
+        boxes = [text.get_window_extent() for text in texts if text.get_visible()]
+        for one, other in combinations(boxes, 2):
+            assert not one.overlaps(other)
+
+
+def test_a_label_has_one_colour_in_all_pictures() -> None:
+    assert len(set(LABELS)) == 20
+    assert len({*label_colours(range(1, 21)).values()}) == 20
+    assert len({*label_colours([3, 23, 43]).values()}) == 3
+    body = block()
+    body = replace(body, label=np.where(body.points[:, 2] > 1, 12, 4).astype(np.int32))
+    (model,) = bodies.slices_figure(body, MM).legends
+    labels = np.repeat(np.int32([4, 7, 12]), 8)[:, None, None] * np.ones((1, 9, 9), np.int32)
+    (image,) = slice_figure(Labels(labels, np.eye(4)), None, None).legends
+    three = [line.get_color() for line in image.get_lines()]
+    two = [to_hex(patch.get_facecolor()).upper() for patch in model.get_patches()]
+    assert two == [three[0], three[2]]
 
 
 def test_the_plane_drawn_lies_in_a_body_and_not_between_two() -> None:

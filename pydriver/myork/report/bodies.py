@@ -17,16 +17,12 @@ from matplotlib.patches import Patch
 from matplotlib.tri import Triangulation
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
-from myork.report.figures import draw_strokes
+from myork.report.figures import GREY, draw_strokes, label_colours
 from myork.report.numbers import unit_of
 from myork.report.sources import Deformation
 from myork.types import F64, I32, Index
 
-#: Colours of tissues: those of Okabe and Ito, then darker ones and a light one
-_TISSUES = (
-   "#D55E00", "#56B4E9", "#F0E442", "#009E73", "#CC79A7", "#E69F00", "#0072B2",
-   "#7A3600", "#9A8F10", "#00543D", "#7C3F62", "#9FD9B8",
-)  # fmt: skip
+#: Colour of a body of one tissue
 _PLAIN = "#D8D8D8"
 #: Colour of places without a value; it occurs in none of the colour maps used
 NO_VALUE = "#FF00C8"
@@ -37,6 +33,8 @@ _BEYOND = 1.0
 _ACROSS = 16
 #: A body this much wider than high is drawn in rows, not in columns
 _WIDE = 1.6
+#: Height of titles and numbers of a plane, and least height of a colour bar [inch]
+_ROOM, _BAR = 0.9, 0.6
 #: The view is onto the broad side, from these angles to the side and above; the third angle is for
 #: bodies whose ratio of height to length is below the last number [degree], [-]
 _ASIDE, _ABOVE, _DOWN, _LOW = 28.0, 18.0, 45.0, 0.3
@@ -87,11 +85,13 @@ def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure
                 light = LightSource(90.0 - azimuth, 60.0)
                 faces = Poly3DCollection(
                     moved[triangles], facecolors=colours, shade=True, lightsource=light,
-                    antialiased=False,
+                    antialiased=False, clip_on=False,  # long bodies are wider than the square frame
                 )  # fmt: skip
                 axes.add_collection3d(faces)
             else:
-                axes.scatter(*moved.T, c=shade.to_rgba(np.ma.masked_invalid(values)), s=6)
+                axes.scatter(
+                    *moved.T, c=shade.to_rgba(np.ma.masked_invalid(values)), s=6, clip_on=False
+                )
             for axis, places in zip("xyz", moved.T, strict=True):
                 room = 1e-3 * sides.max()
                 axes.set(**{f"{axis}lim": (places.min() - room, places.max() + room)})
@@ -105,7 +105,13 @@ def surface_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure
         both[0].set_title(_titles(units)[kind], fontsize=10)
         side = "right" if wide else "bottom"
         bar = figure.colorbar(
-            shade, ax=list(both), extend=ends, location=side, shrink=0.7, aspect=25
+            shade,
+            ax=list(both),
+            extend=ends,
+            location=side,
+            shrink=0.7,
+            aspect=25,
+            pad=0.1 if wide else 0.05,
         )
         bar.ax.locator_params(nbins=5)
         bar.ax.ticklabel_format(scilimits=(-3, 5), useOffset=False)
@@ -130,13 +136,14 @@ def plane_figure(deformation: Deformation, units: Mapping[str, str]) -> Figure:
     points, moved = deformation.points[:, :2], deformation.moved[:, :2]
     across, up = np.ptp(np.vstack([points, moved]), axis=0)
     wide, tall = across > _WIDE * up, float(up / across)
-    high = 3 * (8.0 * tall + 0.9) if wide else min(3.4 * tall + 1.4, 8.0)
+    width = 8.0 if wide else min(3.4, 6.6 / tall)
+    high = 3 * (width * tall + 0.9) if wide else width * tall + 1.4
     figure = Figure(figsize=(11.0, high), layout="constrained")
     panels = figure.subplots(*((3, 1) if wide else (1, 3)))
     outline = points[_rim_of(deformation.surface)].transpose(2, 1, 0)
     for axes, kind in zip(panels, ("size", "stress", "volume_ratio"), strict=True):
         axes.plot(*outline, color="#999999", linewidth=0.8)
-        _map(axes, moved, deformation.surface, getattr(deformation, kind))
+        _map(axes, moved, deformation.surface, getattr(deformation, kind), width * tall)
         axes.set_title(_titles(units)[kind], fontsize=10)
         axes.set_xlabel(f"x [{unit_of(units, 'length')}]")
     panels[0].set_ylabel(f"y [{unit_of(units, 'length')}]")
@@ -163,26 +170,38 @@ def slices_figure(
     inside = deformation.fiber.any() or len(labels) > 1
     kinds = ("size", "fiber", "stress") if inside else ("size", "stress")
     sides = np.ptp(deformation.points, axis=0)
-    heights = [min(3.4 * sides[b] / sides[a], 4.6) + 0.8 for a, b, _ in _PLANES]
-    figure = Figure(figsize=(3.7 * len(kinds), sum(heights)), layout="constrained")
-    grid = figure.subplots(3, len(kinds), height_ratios=heights, squeeze=False)
-    for row, (a, b, normal) in zip(grid, _PLANES, strict=True):
+    colours = list(label_colours(labels.tolist()).values()) if len(labels) > 1 else [_PLAIN]
+    heights = [min(3.4 * sides[b] / sides[a], 4.6) for a, b, _ in _PLANES]
+    room = 3 * _ROOM + 0.25 * -(-len(labels) // 4)
+    figure = Figure(figsize=(3.7 * len(kinds), sum(heights) + room), layout="constrained")
+    grid = figure.subplots(
+        3, len(kinds), height_ratios=[high + _ROOM for high in heights], squeeze=False
+    )
+    for row, (a, b, normal), high in zip(grid, _PLANES, heights, strict=True):
+        across = float(sides[a] / sides[b])
         kept, triangles = _plane(deformation.lattice, normal)
         flat = deformation.points[kept][:, [a, b]]
         level = float(np.median(deformation.points[kept, normal]))
         for axes, kind in zip(row, kinds, strict=True):
             if kind == "fiber":
                 fibers = deformation.fiber[kept][:, [a, b]]
-                _tissue(axes, flat, triangles, tissue[kept], fibers, len(labels))
+                _tissue(axes, flat, triangles, tissue[kept], fibers, colours)
             else:
-                _map(axes, flat, triangles, getattr(deformation, kind)[kept])
+                _map(axes, flat, triangles, getattr(deformation, kind)[kept], high)
             axes.set_xlabel(f"{'xyz'[a]} [{length}]")
-        row[0].set_ylabel(f"plane {'xyz'[normal]} = {level:.4g} {length}\n{'xyz'[b]} [{length}]")
+            for axis, size in (("x", 0.5 * high * across), ("y", high)):
+                nbins = max(1, min(6, round(4.0 * size)))
+                axes.locator_params(axis=axis, nbins=nbins, min_n_ticks=1)
+        row[0].set_ylabel(f"{'xyz'[b]} [{length}]")
+        plane = f"plane {'xyz'[normal]} = {level:.4g} {length}"
+        row[0].annotate(
+            plane, (0.0, 1.0), (0, 5), xycoords="axes fraction", textcoords="offset points",
+            fontsize=9, color=GREY,
+        )  # fmt: skip
     for axes, kind in zip(grid[0], kinds, strict=True):
-        axes.set_title(_titles(units)[kind], fontsize=10)
+        axes.set_title(f"{_titles(units)[kind]}\n", fontsize=10)  # above the title of the plane
     if len(labels) > 1:
         names = [*tissues[: len(labels)], *(f"label {k}" for k in range(len(tissues), len(labels)))]
-        colours = (_TISSUES[k % len(_TISSUES)] for k in range(len(labels)))
         shown = [Patch(color=own, label=name) for own, name in zip(colours, names, strict=True)]
         figure.legend(handles=shown, loc="outside lower center", ncols=4, frameon=False)
     return figure
@@ -214,8 +233,11 @@ def _plane(lattice: I32, normal: int) -> tuple[Index, I32]:
     return kept, triangles[(triangles >= 0).all(axis=1)]
 
 
-def _map(axes: Axes, places: F64, triangles: I32, values: F64) -> None:
-    """Values on triangles of a plane, or at its points if none; crosses mark missing values."""
+def _map(axes: Axes, places: F64, triangles: I32, values: F64, tall: float) -> None:
+    """Values on triangles of a plane, or at its points if none; crosses mark missing values.
+
+    - `tall`: height of the picture [inch]
+    """
     low, high, ends = limits_of(values)
     look: dict[str, Any] = {"vmin": low, "vmax": high, "cmap": _COLOURS}
     if len(triangles):
@@ -227,25 +249,33 @@ def _map(axes: Axes, places: F64, triangles: I32, values: F64) -> None:
     if len(missing):
         axes.plot(*missing.T, "x", color=NO_VALUE, markersize=6, clip_on=False)
     axes.set_aspect("equal")
-    # a colour bar beside the picture, whatever its width
-    beside = axes.inset_axes((1.03, 0.0, 0.05, 1.0))
+    # a colour bar beside the picture, whatever its width, and high enough for its numbers
+    part = max(1.0, _BAR / tall)
+    beside = axes.inset_axes((1.03, 0.5 - 0.5 * part, 0.05, part))
     bar = axes.figure.colorbar(ScalarMappable(Normalize(low, high)), cax=beside, extend=ends)
     bar.ax.ticklabel_format(useOffset=False)
-    bar.ax.locator_params(nbins=6)
+    bar.ax.locator_params(nbins=min(6, round(3.0 * part * tall)))
 
 
 def _tissue(
-    axes: Axes, places: F64, triangles: I32, tissues: Index, fibers: F64, count: int
+    axes: Axes,
+    places: F64,
+    triangles: I32,
+    tissues: Index,
+    fibers: F64,
+    colours: Sequence[str],
 ) -> None:
     """Triangles in the colour of their tissue, numbered from 0, and fibers at even distances."""
     if len(triangles):
-        colours = ListedColormap(_TISSUES if count > 1 else [_PLAIN] * len(_TISSUES))
-        own = np.median(tissues[triangles], axis=1) % len(_TISSUES)
         axes.tripcolor(
-            Triangulation(places[:, 0], places[:, 1], triangles), facecolors=own, cmap=colours,
-            vmin=-0.5, vmax=len(_TISSUES) - 0.5, alpha=0.8,
+            Triangulation(places[:, 0], places[:, 1], triangles),
+            facecolors=np.median(tissues[triangles], axis=1), cmap=ListedColormap(colours),
+            vmin=-0.5, vmax=len(colours) - 0.5, alpha=0.8,
         )  # fmt: skip
     axes.set_aspect("equal")
     reach = max(float(np.ptp(places, axis=0).max()), 1e-300) / _ACROSS
     few = np.unique(np.floor(places / reach), axis=0, return_index=True)[1]
-    draw_strokes(axes, places[few], fibers[few], reach / 1.2, width=0.008, color="#222222")
+    draw_strokes(
+        axes, places[few], fibers[few], reach / 1.2, places[triangles] if len(triangles) else None,
+        width=0.008, color="#222222",
+    )  # fmt: skip

@@ -4,19 +4,27 @@ Colours: Okabe and Ito's palette for lines, viridis for fields; both are distinc
 readers (https://jfly.uni-koeln.de/color). Lines differ in marker or dash as well.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.path import Path
 from matplotlib.ticker import MaxNLocator
 
 from myork.report.numbers import labelled
 from myork.types import F64
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+#: Colours of labels: six of the palette, then those farthest from all before, in CIELAB, and from
+#: black, white, grey and the colours of fibers and of missing values
+LABELS = (
+    "#D55E00", "#56B4E9", "#009E73", "#CC79A7", "#0072B2", "#E69F00", "#22E622",
+    "#2243E6", "#C3E67E", "#99172D", "#736211", "#862699", "#2D9917", "#E6B27E",
+    "#5CE6E6", "#5C73E6", "#E62284", "#22E684", "#A4E622", "#733F50",
+)  # fmt: skip
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES = ("-", "--", ":", "-.")
 GREY = "#666666"
@@ -35,12 +43,31 @@ def panels_of(count: int, **keys: Any) -> tuple[Figure, list[Axes]]:
     return figure, list(found[:count])
 
 
-def draw_strokes(axes: Axes, places: F64, vectors: F64, long: float, **look: Any) -> None:
-    """Strokes without heads centred at places, shape `(n, 2)`, of `long` times the vectors."""
-    axes.quiver(
+def label_colours(labels: Iterable[int]) -> dict[int, str]:
+    """Colour of each label: by its number, so that it is the same in all pictures.
+
+    A colour that a lower label has is replaced by the next free one, if there is any.
+    """
+    found: dict[int, str] = {}
+    for label in sorted(set(labels)):
+        order = [LABELS[(label - 1 + more) % len(LABELS)] for more in range(len(LABELS))]
+        found[label] = next((one for one in order if one not in found.values()), order[0])
+    return found
+
+
+def draw_strokes(
+    axes: Axes, places: F64, vectors: F64, long: float, body: F64 | None = None, **look: Any
+) -> None:
+    """Strokes without heads centred at places, shape `(n, 2)`, of `long` times the vectors.
+
+    - `body`: triangles of one orientation, to which the strokes are cut, shape `(m, 3, 2)`
+    """
+    strokes = axes.quiver(
         *places.T, *vectors.T, angles="xy", scale_units="xy", scale=1.0 / long, pivot="mid",
         headwidth=0, headlength=0, headaxislength=0, **look,
     )  # fmt: skip
+    if body is not None:
+        strokes.set_clip_path(Path.make_compound_path_from_polys(body), axes.transData)
 
 
 class Series(NamedTuple):

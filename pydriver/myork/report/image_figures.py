@@ -17,7 +17,7 @@ from myork.files import write_figure
 from myork.imaging.geometry import canonical
 from myork.imaging.io import read_image, read_labels
 from myork.records import Image, Labels
-from myork.report.figures import COLOURS, draw_strokes
+from myork.report.figures import draw_strokes, label_colours
 from myork.types import F64, I32, Mask
 
 #: Margin shown around the labels [mm]
@@ -61,7 +61,7 @@ def slice_figure(labels: Labels, image: Image | None, fibers: Image | None) -> F
     ]
     if fibers is not None:
         handles.append(Line2D([], [], color=_FIBER_COLOUR, linewidth=2, label="fibers (in plane)"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False)
     return figure
 
 
@@ -119,7 +119,6 @@ class _Body:
             for part, more in zip(parts, room, strict=True)
         )
         where = shown.data[around]
-        named = enumerate(np.unique(where[where > 0]).tolist(), start=1)
         directions = shown.affine[:3, :3] / shown.spacing
         return cls(
             where,
@@ -128,7 +127,7 @@ class _Body:
             shown.spacing,
             _corner(shown)
             + [part.start * step for part, step in zip(around, shown.spacing, strict=True)],
-            {label: COLOURS[number % len(COLOURS)] for number, label in named},
+            label_colours(np.unique(where[where > 0]).tolist()),
         )
 
     def draw(self, axes: Axes, normal: int, index: int) -> None:
