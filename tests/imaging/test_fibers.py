@@ -421,6 +421,24 @@ def test_sides_of_an_image_that_cut_a_muscle(flip, turn):
         assert cut_sides(Labels(part, affine), 1) == sides
 
 
+def test_few_layers_of_a_muscle_at_a_side_of_the_image():
+    """Half a cylinder is cut, a whole one that touches the side is not, nor is a plate."""
+    for radius in (3.9, 4.9, 5.9, 7.9):
+        x, y, _ = np.indices((12, 22, 12))
+        half = Labels((np.hypot(x, y - 10) < radius).astype(np.int32), affine_of((2, 2, 3)))
+        assert cut_sides(half, 1) == ["left"]
+        turned = Labels(half.data[::-1].transpose(1, 0, 2), half.affine)
+        assert cut_sides(turned, 1) == ["anterior"]
+    for radius in np.arange(1.5, 5.0, 0.1):
+        x, y, _ = np.indices((12, 22, 30))
+        whole = np.hypot(x - np.floor(radius), y - 10) < radius
+        assert not cut_sides(Labels(whole.astype(np.int32), np.eye(4)), 1)
+    for layers in (2, 3, 4):
+        plate = np.zeros((12, 22, 30), np.int32)
+        plate[:layers, 4:16, 2:28] = 1
+        assert not cut_sides(Labels(plate, np.eye(4)), 1)
+
+
 @pytest.mark.slow
 def test_build_writes_a_table_of_the_muscles(tmp_path):
     phantom = make_phantom((60, 60, 15), (2.0, 2.0, 6.0), snr=1e9, bias=0.0)

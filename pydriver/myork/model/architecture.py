@@ -26,6 +26,10 @@ _LONG = 1.5**2
 _CUT = 0.1
 # Layers of voxels at the side of an image that a muscle may enter without being cut
 _RIM = 2.0
+# With at most so many layers a chord says little: a muscle is cut that is also this much wider than
+# deep, and has less at its other side by this ratio. Of random ellipses of 3 to 5 layers that touch
+# a side this takes 0 to 6 % for cut; of cut ones it finds 74 to 86 %.
+_FEW, _WIDER, _LESS = 5, 4 / 3, 1.2
 # Sides of an image by world axis, at its low and its high end
 _SIDES = (("left", "right"), ("posterior", "anterior"), ("inferior", "superior"))
 # Number of fibers traced; part of them that must end inside the image for their median to be given
@@ -159,22 +163,28 @@ def cut_sides(labels: Labels, number: int, along: int | None = None) -> list[str
 
     - `along`: voxel axis of a prism
 
-    A round muscle that only touches a side has there, within two voxels of its rim, a chord that
-    follows from its width; a longer chord means that it is cut.
+    A round muscle that only touches a side has there, within two voxels of its rim (less in a small
+    one), a chord that follows from its width; a longer chord means that it is cut.
     """
     own = labels.data == number
     ends = {along}
     if along is None:
         ends = {long_axis(labels, own)[1], slice_axis(labels.spacing, own.shape)}
+    extent = np.ptp(np.argwhere(own), axis=0) + 1
     found = []
     for axis in {0, 1, 2} - ends:
         layers = own.sum(axis=tuple({0, 1, 2} - {axis}))
-        radius = max(0.5 * float((layers > 0).sum()), _RIM)
-        chord = np.sqrt(1.0 - (1.0 - _RIM / radius) ** 2)
+        chord = np.sqrt(1.0 - (1.0 - min(2.0 * _RIM / extent[axis], 0.5)) ** 2)
+        deep, *wide = np.roll(extent * labels.spacing, -axis)
+        few = extent[axis] <= _FEW
+        if few and (extent[axis] < 3 or min(wide) < _WIDER * deep):
+            continue
+        filled = np.flatnonzero(layers)
         column = labels.affine[:3, axis]
         world = int(np.argmax(np.abs(column)))
-        for end, sense in ((0, -1), (-1, 1)):
-            if layers[end] > chord * layers.max():
+        for end, other, sense in ((0, filled[-1], -1), (-1, filled[0], 1)):
+            least = max(chord * layers.max(), _LESS * layers[other] if few else 0.0)
+            if layers[end] > least:
                 found.append(_SIDES[world][int(sense * column[world] > 0)])
     return sorted(found)
 
