@@ -25,7 +25,7 @@ from myork.report import make_report
 from myork.stations.build import build
 from myork.stations.solve import pcsa_force
 from tests.images import affine_of, angle, built, centred, phantom_dwi, save
-from tests.scenes import held, neo, probes, refuses, scene
+from tests.scenes import MUSCLE, held, neo, probes, refuses, scene
 
 #: Size of thick voxels [mm]
 SLICES = (1.5, 1.5, 5.0)
@@ -337,6 +337,34 @@ def test_a_label_without_a_name_has_that_of_its_material(tmp_path):
     assert list(found["volume"]) == ["soleus", "fat"]
     assert any("label 1 is soleus in the map, but a in" in text for text in found["warnings"])
     assert [row["muscle"] for row in found["muscles"]] == ["soleus", "fat"]
+
+
+def test_a_label_without_a_material_is_named_and_fat_has_no_pcsa(tmp_path):
+    data = halves(6, 6, 4)
+    data[:, 3:] += 1  # 1, 2 and 3
+    fibers = np.tile([0.0, 0.0, 1.0], (*data.shape, 1))
+    save(tmp_path, np.eye(4), l=data, f=fibers)
+    fat = neo(1, 100, "fat", label=2)
+    deck = scene(
+        "auto", {"kind": "model"}, boundary=[held("bottom")],
+        build={"labels": tmp_path / "l.nii.gz", "fibers": tmp_path / "f.nii.gz"},
+        material=[{**MUSCLE, "name": "a", "label": 1}, fat],
+    )  # fmt: skip
+    lines: list[str] = []
+    warnings = build(deck, tmp_path / "out", progress=lines.append)["model"]["warnings"]
+    assert any("label 3 (label 3) has no [[material]]" in text for text in warnings)
+    assert any(line.startswith("a: the image cuts it") for line in lines)
+    assert not any(line.startswith("fat: the image cuts it") for line in lines)
+
+
+def test_a_cavity_of_the_labels_is_reported(tmp_path):
+    data = np.ones((7, 7, 5), np.int32)
+    for depth, said in ((1, True), (3, False)):
+        data[2:5, 2:5, 2 : 2 + depth] = 0  # closed, then open at an end
+        save(tmp_path, affine_of(2.0), l=data)
+        warnings = built(tmp_path, labels="l.nii.gz")["warnings"]
+        found = [text for text in warnings if "9 voxels without a label (72 mm^3)" in text]
+        assert bool(found) == said
 
 
 # ---- numbers of muscles --------------------------------------------------------------------------

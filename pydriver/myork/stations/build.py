@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy import ndimage
 
 from myork.console import ProgressCallback
 from myork.errors import FileError, InputError
@@ -30,6 +31,9 @@ from myork.records import Image, Labels, PointCloud
 from myork.segmentation.images import Images
 from myork.stations.data import DeckFiles, OneGrid
 from myork.stations.station import station
+
+# So many voxels without a label inside the labels are no cavity worth a warning
+_FEW = 8
 
 
 @station("build", "model")
@@ -75,9 +79,20 @@ def build(deck: Mapping[str, Any], out: Path, progress: ProgressCallback) -> dic
     left_out = {*table["bone"]}
     if table["ids"]:
         left_out |= {*np.unique(body.labels.data).tolist()} - {*table["ids"]}
-    warnings = [*_cut(body.labels, deck.get("material", []), along), *warnings]
+    materials = deck.get("material", [])
+    warnings = [
+        *_cut(body.labels, materials, along),
+        *_cavities(body.labels, unit),
+        *_without_material(body.labels, cloud, materials),
+        *warnings,
+    ]
+    others = {
+        body.labels.label_name(own["label"])
+        for own in materials
+        if "label" in own and own["model"] != "muscle"
+    }
     model = _record(cloud, [*files.grid.doubts, *warnings])
-    model["muscles"] = _muscles(body.labels, maps, left_out, along, unit, progress)
+    model["muscles"] = _muscles(body.labels, maps, left_out, along, others, unit, progress)
     heads = dict.fromkeys(head for row in model["muscles"] for head in row)
     write_csv(out / "muscles.csv", heads, [row.values() for row in model["muscles"]])
     progress(
@@ -198,6 +213,34 @@ def _cut(labels: Labels, materials: Sequence[Mapping[str, Any]], along: int | No
     ]
 
 
+def _without_material(
+    labels: Labels, cloud: PointCloud, materials: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """Warnings about labels of the model that a solve will refuse."""
+    if not all("label" in own for own in materials):
+        return []  # one material for all labels
+    known = {own["label"] for own in materials}
+    return [
+        f"{labels.name}: label {label} ({name}) has no [[material]], so that `myork solve` refuses "
+        f"the model: add one with label = {label}, or leave it out of build.ids"
+        for label, name in cloud.label_names.items()
+        if known and label not in known
+    ]
+
+
+def _cavities(labels: Labels, unit: str) -> list[str]:
+    """Warning about voxels without a label that labels enclose on all sides."""
+    inside = ndimage.binary_fill_holes(labels.data > 0) & (labels.data <= 0)
+    count = int(inside.sum())
+    if count <= _FEW:
+        return []
+    volume = count * float((labels.spacing * length_factor(unit)).prod())
+    return [
+        f"{labels.name}: {count} voxels without a label ({volume:.3g} {unit}^3) are enclosed by "
+        "labels: they are a cavity of the model; give them a label if they are tissue"
+    ]
+
+
 def _maps(body: Body, files: DeckFiles, out: Path) -> Maps:
     """Measured fibers, and maps that `segment` wrote to the folder."""
     found: dict[str, Image] = {}
@@ -217,13 +260,17 @@ def _muscles(
     maps: Maps,
     left_out: Collection[int],
     along: int | None,
+    others: Collection[str],
     unit: str,
     progress: ProgressCallback,
 ) -> list[dict[str, Any]]:
-    """Rows of `muscles.csv`: name and numbers with their units, None where missing."""
+    """Rows of `muscles.csv`: name and numbers with their units, None where missing.
+
+    - `others`: names of labels of which no fibers are expected
+    """
     factor, rows = length_factor(unit), []
     for own in muscle_numbers(labels, maps, left_out, along):
-        if own.cut and maps.fibers is not None:
+        if own.cut and maps.fibers is not None and own.muscle not in others:
             what = "fiber length and PCSA are" if own.fiber_length is None else "its PCSA is"
             progress(f"{own.muscle}: the image cuts it, so that {what} left out")
         row: dict[str, Any] = {"muscle": own.muscle}
