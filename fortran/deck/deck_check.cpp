@@ -160,7 +160,7 @@ static const Condition *failing(const Deck &deck, const Section &section,
                                 const std::vector<Condition> &conditions, bool unknown) {
    for (const Condition &condition : conditions) {
       if (condition.values.empty()) {
-         if (section.find(condition.key) || (unknown && section.refused.count(condition.key)))
+         if (!deck.lookup(section, condition.key).empty() || (unknown && section.refused.count(condition.key)))
             continue;
          return &condition;
       }

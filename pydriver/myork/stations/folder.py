@@ -148,10 +148,9 @@ def _tables(found: _Found) -> tuple[dict[str, Any], list[str]]:
     lines = []
     if len(found.magnitude) == len(found.phase) > 1 and not found.labels:
         tables["dixon"] = {"magnitude": found.magnitude, "phase": found.phase}
-        image["phase"] = "bright"
         lines.append(f"water and fat of {len(found.phase)} echoes: {found.magnitude[0]} and so on")
     elif found.water and found.fat and not found.labels:
-        image |= {"anatomy": found.water[0], "fat": found.fat[0], "phase": "bright"}
+        image |= {"anatomy": found.water[0], "fat": found.fat[0]}
         lines.append(f"water and fat of the scanner: {found.water[0]}, {found.fat[0]}")
     elif found.anatomy:
         image["anatomy"] = found.anatomy[0]
