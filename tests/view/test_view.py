@@ -280,7 +280,7 @@ def test_curves_pass_through_the_state(answers: Answers) -> None:
 
 
 @pytest.mark.parametrize(("path", "status", "message"), [
-    ("state?p=0.1,0&field=J", 400, "values must have shape (n, 3) with at least one row, not (1, 2)"),
+    ("state?p=0.1,0&field=J", 400, "shape (n, 3) with at least one row, not (1, 2)"),
     ("state?p=0.1,0,nan&field=J", 400, "p: finite numbers are needed"),
     ("state?p=0.1,0,much&field=J", 400, "p: '0.1,0,much' is not a list of numbers"),
     ("state?p=0.1,0,30&field=heat", 400, "heat: no field; there are von_mises"),
