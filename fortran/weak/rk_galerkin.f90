@@ -107,11 +107,12 @@ contains
 
 !> Set up the Galerkin problem of a scene
 subroutine new_galerkin(self, scene, error)
-   type(galerkin_problem), intent(inout) :: self
+   type(galerkin_problem), target, intent(inout) :: self
    type(scene_type), target, intent(in) :: scene
    type(error_type), allocatable, intent(out) :: error
    type(shape_type) :: facet
-   type(shape_type), target :: closing
+   type(shape_type), target :: faces
+   type(shape_type), pointer :: closing
    real(wp), allocatable :: shear(:), softness(:), whole(:)
    integer :: blocks, ip, nc, nd, np, ns
 
@@ -140,10 +141,15 @@ subroutine new_galerkin(self, scene, error)
       & - minval(scene%cloud%source, dim=2))
 
    call scene%shape_at(self%cells%point, self%inside, error, first=.not. self%cells%smoothed)
-   if (.not. allocated(self%cells%place)) self%cells%place = self%cells%surface
+   closing => self%surface%shape
+   if (.not. allocated(self%cells%place)) then
+      self%cells%place = self%cells%surface
+   else if (.not. allocated(error)) then
+      call scene%shape_at(self%cells%surface, faces, error, plain=.true.)
+      closing => faces
+   end if
    if (.not. allocated(error)) call scene%shape_at(self%cells%place, self%surface%shape, error, &
       & first=.true.)
-   if (.not. allocated(error)) call scene%shape_at(self%cells%surface, closing, error, plain=.true.)
    if (.not. allocated(error)) call scene%shape_at(self%cells%facet, facet, error, plain=.true.)
    if (allocated(error)) then
       error%message = 'integration '//error%message
